@@ -190,13 +190,20 @@ TileGrid::TileGrid(const CameraModel& camera)
     : columns_(static_cast<int>((camera.width_px + 2 * kMarginPx) / kTilePx) + 1),
       rows_(static_cast<int>((camera.height_px + 2 * kMarginPx) / kTilePx) + 1),
       cell_columns_((columns_ + kCellTiles - 1) / kCellTiles),
-      pages_(1) {
+      pages_(1),
+      no_lines_(&pages_.front()) {
   const int cell_rows = (rows_ + kCellTiles - 1) / kCellTiles;
-  cells_.assign(static_cast<size_t>(cell_columns_) * cell_rows, &pages_.front());
+  cells_.assign(static_cast<size_t>(cell_columns_) * cell_rows, no_lines_);
 }
 
 void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
-  for (const uint32_t tile : touched_) cells_[CellOf(tile)] = &pages_.front();
+  for (const uint32_t tile : touched_) {
+    // Pages that are not in use have no lines, so that a page need not be cleared when it is used again.
+    Tile& used = (*cells_[CellOf(tile)])[tile % kTilesPerCell];
+    used.count = 0;
+    used.distances = Tile::kNone;
+  }
+  for (const uint32_t tile : touched_) cells_[CellOf(tile)] = no_lines_;
   num_pages_ = 1;
   touched_.clear();
   distances_px_.clear();
@@ -215,13 +222,15 @@ void TileGrid::Build(absl::Span<const ImageLine> lines, double reach_px) {
   }
 }
 
-TileGrid::Tile& TileGrid::Touch(uint32_t tile) {
-  Page*& page = cells_[CellOf(tile)];
-  if (page == &pages_.front()) {
-    if (num_pages_ == pages_.size()) pages_.emplace_back();
-    page = &pages_[num_pages_++];
-    page->fill(Tile());
-  }
+TileGrid::Page* TileGrid::UsePage(uint32_t cell) {
+  if (num_pages_ == pages_.size()) pages_.emplace_back();
+  cells_[cell] = &pages_[num_pages_++];
+  return cells_[cell];
+}
+
+inline TileGrid::Tile& TileGrid::Touch(uint32_t tile) {
+  Page* page = cells_[CellOf(tile)];
+  if (page == no_lines_) page = UsePage(CellOf(tile));
   Tile& touched = (*page)[tile % kTilesPerCell];
   if (touched.count == 0) touched_.push_back(tile);
   return touched;

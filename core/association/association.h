@@ -204,7 +204,7 @@ class TileGrid {
   static constexpr uint32_t kTilesPerCell = kCellTiles * kCellTiles;
 
   explicit TileGrid(const CameraModel& camera);
-  TileGrid(TileGrid&&) = default;  // not copied: cells_ points into pages_
+  TileGrid(TileGrid&&) = default;  // not copied: cells_ and no_lines_ point into pages_
 
   // Replaces the lines of the grid. Each tile lists the lines within reach_px of one of its points, and some beyond.
   void Build(absl::Span<const ImageLine> lines, double reach_px);
@@ -251,6 +251,8 @@ class TileGrid {
            column % kCellTiles;
   }
   const Tile& At(uint32_t tile) const { return (*cells_[tile / kTilesPerCell])[tile % kTilesPerCell]; }
+  // Gives a page to a cell to whose tiles no line has been added so far.
+  Page* UsePage(uint32_t cell);
   // Returns a tile to which a line is to be added.
   Tile& Touch(uint32_t tile);
   void EnterRow(int row, absl::Span<const ImageLine> lines, size_t index, double reach_px);
@@ -261,8 +263,9 @@ class TileGrid {
   int columns_ = 0;
   int rows_ = 0;
   int cell_columns_ = 0;
-  std::vector<Page*> cells_;  // the first page for all cells without lines
-  std::deque<Page> pages_;    // the first one is empty; reused from one Build() to the next
+  std::vector<Page*> cells_;  // no_lines_ for all cells without lines
+  std::deque<Page> pages_;    // the first one is no_lines_; reused from one Build() to the next
+  Page* no_lines_;            // a page whose tiles never have lines
   size_t num_pages_ = 1;      // pages in use
   std::vector<uint32_t> touched_;
   // Distances of the lines of the full tiles that a further line reached, for Replace().

@@ -28,16 +28,9 @@ void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines, ab
     return lines.empty() || lines[line].sagitta_px == 0.0 ? nullptr : &lines[line];
   };
   for (const Observation& event : events) {
-    if (event.num_lines == 1) {
-      Place(event, event.lines[0], image_of(event.lines[0]));
-    } else if (event.num_lines > 1) {
-      Shared& shared = shared_.emplace_back();
-      shared.num_places = event.num_lines;
-      shared.others_per_px = event.others_per_px;
-      for (int i = 0; i < event.num_lines; ++i) {
-        shared.places[i] = Place(event, event.lines[i], image_of(event.lines[i]));
-      }
-    }
+    std::array<uint32_t, Observation::kMaxLines> places;
+    for (int i = 0; i < event.num_lines; ++i) places[i] = Place(event, event.lines[i], image_of(event.lines[i]));
+    if (event.num_lines > 1) shared_.push_back({places, event.num_lines, event.others_per_px});
   }
 }
 
@@ -67,17 +60,18 @@ void LineEvents::MakeGroups() {
     num_lanes += (counts_[key] + kNumLanes - 1) / kNumLanes;
     counts_[key] = static_cast<uint32_t>(groups_.size() - 1);
   }
-  lanes_.assign(num_lanes, EventLanes());
+  lanes_.resize(num_lanes);
   size_t begin = 0;
   for (size_t i = 0; i < groups_.size(); ++i) {
     const bool is_last = i + 1 == groups_.size();
     const size_t end = is_last ? num_lanes : groups_[i + 1].first + (groups_[i + 1].is_shared ? first_shared_ : 0);
     groups_[i].events = absl::MakeConstSpan(lanes_).subspan(begin, end - begin);
+    lanes_[end - 1] = EventLanes();  // it may have unused lanes; all others are overwritten
     begin = end;
   }
 }
 
-uint32_t LineEvents::Place(const Observation& event, int line, const ImageLine* image) {
+inline uint32_t LineEvents::Place(const Observation& event, int line, const ImageLine* image) {
   const uint32_t number = counts_[KeyOf(event, line)];
   const uint32_t place = next_[number]++;
   LineGroup& group = groups_[number];

@@ -22,40 +22,50 @@ double ObservedRatio(const ByPolarity& events_per_observation, const ByPolarity&
 
 }  // namespace
 
-EventSampling NearEvents::Find(const EventWindow& window, const TileGrid& grid, int max_events,
-                               BackgroundRate& background) {
-  events_.clear();
-  ByPolarity background_events = {};
-  // Members are copied to local variables, because the compiler must assume that Count() changes members.
-  const absl::Span<const WindowEvent> events = window.events;
-  const ByPolarity events_per_sample = window.events_per_sample;
-  const CameraModel camera = camera_;
+NearEvents::Division NearEvents::Divide(absl::Span<const WindowEvent> events, const TileGrid& grid) {
+  // Each event is written to both ends, and one of the two positions advances: a branch on it could often not be
+  // predicted. One place more than events keeps the two positions apart.
+  if (divided_.size() <= events.size()) divided_.resize(2 * events.size() + 1);
+  // Members are copied to local variables, because the compiler must assume that writing changes members.
+  NearEvent* near = divided_.data();
+  NearEvent* away = near + events.size();
+  const TileTable& tiles = tables_.tiles;
+  const int width_px = camera_.width_px, height_px = camera_.height_px;
   for (size_t i = 0; i < events.size(); ++i) {
     if (i + kPrefetchAhead < events.size()) {
       const WindowEvent& ahead = events[i + kPrefetchAhead];
-      undistortion_.Prefetch(ahead.x, ahead.y);
+      tiles.Prefetch(ahead.x, ahead.y);
     }
     const WindowEvent& event = events[i];
-    if (event.x >= camera.width_px || event.y >= camera.height_px) continue;
-    const Eigen::Vector2f bearing = undistortion_.Bearing(event.x, event.y);
-    const uint32_t tile =
-        grid.TileOf(camera.fx_px * bearing.x() + camera.cx_px, camera.fy_px * bearing.y() + camera.cy_px);
+    if (event.x >= width_px || event.y >= height_px) continue;
+    const uint32_t tile = tiles.TileOf(event.x, event.y);
     if (tile == TileGrid::kNoTile) continue;
-    if (grid.has_lines(tile)) {
-      events_.push_back({static_cast<uint32_t>(i), tile, event.polarity});
-    } else {
-      const double stands_for = events_per_sample[event.polarity];
-      background_events[event.polarity] += stands_for;
-      background.Count(tile, stands_for);
-    }
+    const bool is_near = grid.has_lines(tile);
+    *near = *away = {static_cast<uint32_t>(i), tile, event.polarity};
+    near += is_near ? 1 : 0;
+    away -= is_near ? 0 : 1;
+  }
+  const absl::Span<const NearEvent> all = absl::MakeConstSpan(divided_).first(events.size() + 1);
+  return {all.first(near - divided_.data()), all.subspan(away + 1 - divided_.data())};
+}
+
+EventSampling NearEvents::Find(const EventWindow& window, const TileGrid& grid, int max_events,
+                               BackgroundRate& background) {
+  const Division division = Divide(window.events, grid);
+  ByPolarity background_events = {};
+  for (size_t i = division.away_reversed.size(); i > 0; --i) {
+    const NearEvent& event = division.away_reversed[i - 1];
+    const double stands_for = window.events_per_sample[event.polarity];
+    background_events[event.polarity] += stands_for;
+    background.Count(event.tile, stands_for);
   }
   const auto is_on = [](const NearEvent& near) { return near.polarity; };
-  const auto num_on = static_cast<double>(std::count_if(events_.begin(), events_.end(), is_on));
-  const ByPolarity found = {static_cast<double>(events_.size()) - num_on, num_on};
+  const auto num_on = static_cast<double>(std::count_if(division.near.begin(), division.near.end(), is_on));
+  const ByPolarity found = {static_cast<double>(division.near.size()) - num_on, num_on};
   const ByPolarity near_events = {found[0] * window.events_per_sample[0], found[1] * window.events_per_sample[1]};
   UpdateUsualEvents(near_events);
-  const ByPolarity samples_per_observation = DownsampleByClass(static_cast<size_t>(max_events), SampleShares(found),
-                                                               absl::MakeConstSpan(events_), is_on, events_);
+  const ByPolarity samples_per_observation =
+      DownsampleByClass(static_cast<size_t>(max_events), SampleShares(found), division.near, is_on, events_);
   EventSampling sampling;
   sampling.near_events = near_events;
   for (int polarity = 0; polarity < 2; ++polarity) {

@@ -11,9 +11,9 @@
 #include "absl/types/span.h"
 #include "core/association/association.h"
 #include "core/association/background.h"
+#include "core/association/camera_tables.h"
 #include "core/base/yield_point.h"
 #include "core/geometry/camera.h"
-#include "core/geometry/undistortion_table.h"
 #include "core/numerics/sampling.h"
 #include "core/windows/event_window.h"
 
@@ -35,10 +35,9 @@ struct EventSampling {
 // rates of both polarities, and its memory.
 class NearEvents {
  public:
-  // `undistortion` must be that of `camera` and outlive the object. `windows_per_ms` is WindowOptions::
-  // intervals_per_usual().
-  NearEvents(const CameraModel& camera, const UndistortionTable& undistortion, int64_t windows_per_ms)
-      : camera_(camera), undistortion_(undistortion), keep_(1.0 - kForgetPerMs / static_cast<double>(windows_per_ms)) {}
+  // `tables` must be those of `camera` and outlive the object. `windows_per_ms` is WindowOptions::intervals_per_usual().
+  NearEvents(const CameraModel& camera, const CameraTables& tables, int64_t windows_per_ms)
+      : camera_(camera), tables_(tables), keep_(1.0 - kForgetPerMs / static_cast<double>(windows_per_ms)) {}
 
   // Stores the events of the window that lie in tiles with lines, and counts the others in `background`. At most
   // `max_events` events are kept by uniform downsampling, in the usual ratio of the polarities. While the brightness of
@@ -57,10 +56,11 @@ class NearEvents {
       YieldPoint(i);
       if (i + kPrefetchAhead < events_.size()) {
         const WindowEvent& ahead = window.events[events_[i + kPrefetchAhead].index];
-        undistortion_.Prefetch(ahead.x, ahead.y);
+        tables_.undistortion.Prefetch(ahead.x, ahead.y);
       }
       const NearEvent& near = events_[i];
-      std::optional<Observation> observation = evpose::Observe(camera_, undistortion_, window.events[near.index], t_us);
+      std::optional<Observation> observation =
+          evpose::Observe(camera_, tables_.undistortion, window.events[near.index], t_us);
       if (!observation) continue;  // cannot happen: Find() keeps events inside the sensor only
       grid.GiveLines(near.tile, *observation);
       observation->others_per_px = others_per_px(*observation);
@@ -71,7 +71,7 @@ class NearEvents {
   }
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [camera, undistortion, keep, events, observations, usual_events] = self;
+    auto& [camera, tables, keep, divided, events, observations, usual_events] = self;
     constexpr double kMax = 1e18;  // events; keeps sums and ratios finite
     archive(InRange(usual_events[0], kFewEvents, kMax), InRange(usual_events[1], kFewEvents, kMax));
   }
@@ -86,6 +86,13 @@ class NearEvents {
     uint32_t tile : 31;
     uint32_t polarity : 1;
   };
+  // The events of a window in tiles with lines, and those in other tiles, the last one first.
+  struct Division {
+    absl::Span<const NearEvent> near;
+    absl::Span<const NearEvent> away_reversed;
+  };
+  // The result is valid until the next call.
+  Division Divide(absl::Span<const WindowEvent> events, const TileGrid& grid);
   void UpdateUsualEvents(const ByPolarity& near_events);
   // Returns the shares of OFF and ON events in the sample; their sum is 1. `found`: number of events of each polarity.
   ByPolarity SampleShares(const ByPolarity& found) const;
@@ -94,9 +101,10 @@ class NearEvents {
   ByPolarity Excess(const ByPolarity& found) const;
 
   const CameraModel camera_;
-  const UndistortionTable& undistortion_;
-  const double keep_;  // factor of the usual events per window
-  std::vector<NearEvent> events_;
+  const CameraTables& tables_;
+  const double keep_;               // factor of the usual events per window
+  std::vector<NearEvent> divided_;  // of Divide()
+  std::vector<NearEvent> events_;   // the kept ones of those near lines
   std::vector<Observation> observations_;
   ByPolarity usual_events_ = {kFewEvents, kFewEvents};  // exponentially weighted sums over the past windows
 };

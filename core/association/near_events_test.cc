@@ -58,7 +58,7 @@ class NearEventsTest : public ::testing::Test {
   std::vector<ImageLine> lines_;
   TileGrid grid_{camera_};
   BackgroundRate background_{camera_};
-  NearEvents near_{camera_, tables_->undistortion, 1};
+  NearEvents near_{camera_, *tables_, 1};
   Random random_{7};
   std::vector<WindowEvent> events_;
   std::array<int, 2> num_found_ = {};

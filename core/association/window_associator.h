@@ -37,10 +37,7 @@ class WindowAssociator {
  public:
   // `tables` are those of `camera` and must outlive the associator. `windows_per_ms`: see NearEvents.
   WindowAssociator(const CameraModel& camera, const CameraTables& tables, int64_t windows_per_ms = 1)
-      : camera_(camera),
-        grid_(camera),
-        background_(camera),
-        near_events_(camera, tables.undistortion, windows_per_ms) {}
+      : camera_(camera), grid_(camera), background_(camera), near_events_(camera, tables, windows_per_ms) {}
 
   // Returns the events of `window` within reach_px of a line at their own times, at most `max_events` of them.
   // `lines` are the image lines at `t_us`, the middle of the window. `others_per_px(observation)` returns

@@ -128,17 +128,18 @@ EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, ab
                                                     const MixtureDensity& density,
                                                     absl::Span<const LineDensities> densities,
                                                     std::vector<MixtureLine>& sums) {
-  const auto terms_of = [&](const LineGroup& group) {
-    return GroupTerms(group, lines[group.line], density, densities[group.line]);
-  };
   const Lanes inlier_ratio = AllLanes(1.0 - density.outlier_ratio);
   AssignDefaults(lines.size(), sums);
-  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), terms_);
+  ResizeUnset(events.num_shared_lanes(), events.max_lanes(), terms_);
   PacedYields yields(kLanesBetweenYields);
   for (const LineGroup& group : events.groups()) {
     yields.Add(kLanesOfGroup + group.events.size());
-    if (!group.is_shared || !lines[group.line].in_view()) continue;
-    const GroupTerms of_group = terms_of(group);
+    if (!group.is_shared) continue;
+    if (!lines[group.line].in_view()) {
+      for (size_t i = 0; i < group.events.size(); ++i) terms_[group.first + i] = Terms();
+      continue;
+    }
+    const GroupTerms of_group(group, lines[group.line], density, densities[group.line]);
     for (size_t i = 0; i < group.events.size(); ++i) terms_[group.first + i] = of_group.Of(group.events[i]);
   }
   ShareEvents(events, density);
@@ -146,7 +147,7 @@ EVPOSE_CLONES MixtureTotals MixturePass::Accumulate(const LineEvents& events, ab
   for (const LineGroup& group : events.groups()) {
     yields.Add(kLanesOfGroup + group.events.size());
     if (!lines[group.line].in_view()) continue;
-    const GroupTerms of_group = terms_of(group);
+    const GroupTerms of_group(group, lines[group.line], density, densities[group.line]);
     GroupSums of_events;
     for (size_t i = 0; i < group.events.size(); ++i) {
       const EventLanes& event = group.events[i];

@@ -30,6 +30,11 @@ class UndistortionTable {
     if (bearings_.empty()) return {columns_[x], rows_[y]};
     return bearings_[static_cast<size_t>(y) * columns_.size() + x];
   }
+  // The size of the sensor.
+  int width_px() const { return static_cast<int>(columns_.size()); }
+  int height_px() const { return static_cast<int>(rows_.size()); }
+  // Whether the bearings are stored by pixel; otherwise the first component depends on x alone, and the second on y.
+  bool HasBearingOfEachPixel() const { return !bearings_.empty(); }
   // Prefetches the entry of Bearing(x, y). The pixel may lie outside the sensor.
   void Prefetch(int x, int y) const { PrefetchEntry(bearings_, static_cast<size_t>(y) * columns_.size() + x); }
 

@@ -3,6 +3,7 @@
 // Scratch vectors that are filled again in every window and keep their memory.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <vector>
 
@@ -27,6 +28,17 @@ void AssignDefaults(size_t count, size_t min_capacity, std::vector<T>& items) {
     items.reserve(min_capacity);
   }
   AssignDefaults(count, items);
+}
+
+// The same without setting the elements: those that the vector had before keep their values. For a caller that sets all
+// elements that it reads.
+template <typename T>
+void ResizeUnset(size_t count, size_t min_capacity, std::vector<T>& items) {
+  if (items.capacity() < std::max(count, min_capacity)) {
+    items.clear();
+    items.reserve(std::max(2 * count, min_capacity));
+  }
+  items.resize(count);
 }
 
 }  // namespace evpose

@@ -397,7 +397,7 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeViewTracker(std::vector<ObjectToTra
                                                          const UndistortionTable& table) {
   std::vector<View> views;
   for (const LensView& lens : MakeLensViews(camera)) {
-    views.push_back({lens, std::make_shared<const CameraTables>(CameraTables{table.Turned(lens.view_from_camera)})});
+    views.push_back({lens, std::make_shared<const CameraTables>(lens.camera, table.Turned(lens.view_from_camera))});
   }
   auto tracker = std::make_unique<ViewTracker>(std::move(views), camera, options);
   for (ObjectToTrack& object : objects) EVPOSE_RETURN_IF_ERROR(tracker->Add(std::move(object)));

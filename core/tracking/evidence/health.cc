@@ -4,12 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "core/association/line_cells.h"
 #include "core/association/other_objects.h"
 #include "core/base/yield_point.h"
-#include "core/numerics/math.h"
 #include "core/numerics/reusable_vector.h"
 
 namespace evpose {
@@ -25,21 +23,6 @@ int OctantOf(const Eigen::Vector2d& direction) {
   return (direction.x() < 0.0 ? 1 : 0) + (direction.y() < 0.0 ? 2 : 0) + (is_steep ? 4 : 0);
 }
 
-// Probability that an event is within `near_px` of its nearest line, README, equation (1): events are normal about
-// lines at the distance 2 half_cell_px. The distance from the nearest line has a wrapped normal distribution, which is
-// integrated by its Fourier series.
-double NearProbability(double near_px, double half_cell_px, double spread_px) {
-  constexpr int kTerms = 16;  // the next one is below 1e-9 for cells of up to eight spreads
-  constexpr double kPi = std::numbers::pi;
-  const double exponent = 0.5 * kPi * kPi * spread_px * spread_px / (half_cell_px * half_cell_px);
-  double probability = near_px / half_cell_px;
-  for (int m = 1; m <= kTerms; ++m) {
-    const double amplitude = DeterministicExp(-exponent * m * m);
-    probability += 2.0 / (kPi * m) * amplitude * DeterministicSinCos(kPi * m * near_px / half_cell_px).sin;
-  }
-  return probability;
-}
-
 // LineStatistics::lines of the elements of a curve, of a total length in pixels.
 int NumLines(absl::Span<const TrackedLine> elements, absl::Span<const ImageLine> lines, double length_px) {
   // Pixels. A shorter arc has too few events to determine a direction, and could fit clutter.
@@ -52,29 +35,17 @@ int NumLines(absl::Span<const TrackedLine> elements, absl::Span<const ImageLine>
 
 }  // namespace
 
-TrackHealth::TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_curves)
+TrackHealth::TrackHealth(const HealthOptions& options, const NearProbability& near_probability,
+                         double min_events_per_px2, int num_curves)
     : options_(options),
+      near_probability_(near_probability),
       min_events_per_px2_(min_events_per_px2),
       statistics_(static_cast<size_t>(num_curves)),
       memory_(static_cast<size_t>(num_curves)),
       curve_results_(static_cast<size_t>(num_curves)) {
-  for (int step = 0; step <= kSpreadSteps; ++step) {
-    const double range_px = options.max_spread_px - options.min_spread_px;
-    const double spread_px = options.min_spread_px + range_px * step / kSpreadSteps;
-    near_probability_[step][0] = 0.5;  // the limit for a cell that is much narrower than the spread
-    for (int i = 1; i <= kCellSteps; ++i) {
-      const double half_cell_px = options.gate_px * i / kCellSteps;
-      near_probability_[step][i] = NearProbability(NearPx(half_cell_px), half_cell_px, spread_px);
-    }
-  }
-  const double chance = options.near_px / options.gate_px;
-  const double right_excess = near_probability_[kSpreadSteps][kCellSteps] - chance;
-  testable_information_ = kTestableEvents * right_excess * right_excess / (chance * (1.0 - chance));
-}
-
-double TrackHealth::RightProbability(double half_cell_px) const {
-  const int step = RoundNonNegative(half_cell_px / options_.gate_px * kCellSteps);
-  return near_probability_[spread_step_][std::clamp(step, 0, kCellSteps)];
+  const CellTerms widest = near_probability.Of(options.gate_px, NearProbability::kSpreadSteps);
+  testable_information_ =
+      kTestableEvents * widest.right_excess * widest.right_excess / (widest.chance * (1.0 - widest.chance));
 }
 
 void TrackHealth::Reset() {
@@ -115,9 +86,8 @@ void TrackHealth::EnterLines(const WindowInput& input, absl::Span<const ImageLin
 }
 
 void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLine> lines, const WindowFit& fit) {
-  const double range_px = std::max(1e-6, options_.max_spread_px - options_.min_spread_px);
-  const double beyond = std::clamp((fit.residual_rms_px - options_.min_spread_px) / range_px, 0.0, 1.0);
-  spread_step_ = static_cast<int>(std::ceil(beyond * kSpreadSteps));
+  const int spread_step = near_probability_.SpreadStepOf(fit.residual_rms_px);
+  const CellTerms whole_gate = near_probability_.Of(options_.gate_px, spread_step);
   EnterLines(input, lines);
   window_sectors_ = {};
   FindNearest(*input.sorted, lines);
@@ -134,28 +104,25 @@ void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLi
       const LaneMask counts = is_own & line.IsGated(event, distance_px, along_px, gate_px);
       for (int lane = 0; lane < kNumLanes; ++lane) {
         if (counts[lane] == 0) continue;
-        const double half_cell_px = group.is_shared ? half_cell_px_[group.first + i][lane] : options_.gate_px;
+        const CellTerms cell =
+            group.is_shared ? near_probability_.Of(half_cell_px_[group.first + i][lane], spread_step) : whole_gate;
         const size_t half = 2.0 * along_px[lane] < lines[group.line].length_px ? 0 : 1;
-        AddEvent({distance_px[lane], place.begin_px + along_px[lane], event.others_per_px[lane], half_cell_px,
-                  group.polarity},
+        AddEvent({distance_px[lane], place.begin_px + along_px[lane], event.others_per_px[lane], group.polarity}, cell,
                  window_lines_[place.window_line], window_sectors_[place.sector[half]]);
       }
     }
   }
 }
 
-void TrackHealth::AddEvent(const NearEvent& event, WindowLine& line, Sector& sector) {
+void TrackHealth::AddEvent(const NearEvent& event, const CellTerms& cell, WindowLine& line, Sector& sector) {
   // Excess of the right pose per event below which an event carries no evidence: the cell is narrower than the spread.
   constexpr double kLeastExcess = 0.1;
-  constexpr double kLeastHalfCellPx = 1e-3;  // width of the cell of an event on two lines at the same place
   const double share = OwnShare(event.distance_px, event.others_per_px);
-  const double half_cell_px = std::max(event.half_cell_px, kLeastHalfCellPx);
-  const double near_px = NearPx(half_cell_px);
-  const double chance = near_px / half_cell_px;
-  const bool is_near = std::abs(event.distance_px) <= near_px;
+  const double chance = cell.chance;
+  const bool is_near = std::abs(event.distance_px) <= cell.near_px;
   const double excess = share * ((is_near ? 1.0 : 0.0) - chance);
   const double variance = share * chance * (1.0 - chance);
-  const double right_excess = RightProbability(half_cell_px) - chance;
+  const double right_excess = cell.right_excess;
   const double place = std::clamp(event.along_px * line.places_per_px, 0.0, line.along.size() - 1.0);
   line.along[static_cast<int>(place)] += share;
   PolarityCounts& counts = line.of[event.polarity];
@@ -255,10 +222,10 @@ void TrackHealth::FindNearest(const LineEvents& events, absl::Span<const ImageLi
   constexpr float kBeyond = std::numeric_limits<float>::infinity();
   // A line at up to this distance may limit the cell of a nearer one within the gate.
   const Lanes gate_px = AllLanes(2.0 * options_.gate_px);
-  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), distance_px_);
-  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), half_cell_px_);
+  ResizeUnset(events.num_shared_lanes(), events.max_lanes(), distance_px_);
+  ResizeUnset(events.num_shared_lanes(), events.max_lanes(), half_cell_px_);  // set for the nearest lines
   AssignDefaults(events.num_shared_lanes(), events.max_lanes(), is_nearest_);
-  AssignDefaults(events.num_shared_lanes(), events.max_lanes(), line_of_);
+  ResizeUnset(events.num_shared_lanes(), events.max_lanes(), line_of_);  // set for the lines in view
   std::fill(distance_px_.begin(), distance_px_.end(), AllLanes(kBeyond));
   for (const LineGroup& group : events.groups()) {
     if (!group.is_shared || !lines[group.line].in_view()) continue;

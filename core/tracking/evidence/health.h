@@ -15,6 +15,7 @@
 #include "core/estimation/estimator.h"
 #include "core/tracking/evidence/health_options.h"
 #include "core/tracking/evidence/line_statistics.h"
+#include "core/tracking/evidence/near_probability.h"
 
 namespace evpose {
 
@@ -74,7 +75,9 @@ class TrackHealth {
   // Distance in pixels from the lines up to which AddWindow() needs the events.
   static double ReachPx(const HealthOptions& options) { return options.gate_px + 2.0; }
 
-  TrackHealth(const HealthOptions& options, double min_events_per_px2, int num_curves);
+  // `near_probability` must be that of the options and outlive this object.
+  TrackHealth(const HealthOptions& options, const NearProbability& near_probability, double min_events_per_px2,
+              int num_curves);
 
   // Returns whether, and how strongly, the events of a window are concentrated near the lines, without adding them.
   // `lines` are the images of `input.lines` at the state of `fit`, in the same order.
@@ -90,9 +93,9 @@ class TrackHealth {
   HealthResult Test(const TestThresholds& thresholds);
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, min_events_per_px2, near_probability, testable_information, spread_step, statistics, memory, span_s,
-           gated, gate_px2_s, recent, had_few_events, sectors, window_sectors, window_lines, places, distance_px,
-           half_cell_px, is_nearest, line_of, curve_results] = self;
+    auto& [options, near_probability, min_events_per_px2, testable_information, statistics, memory, span_s, gated,
+           gate_px2_s, recent, had_few_events, sectors, window_sectors, window_lines, places, distance_px, half_cell_px,
+           is_nearest, line_of, curve_results] = self;
     for (auto& line : statistics) archive(line);
     for (auto& line : memory) archive(line);
     archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), recent, had_few_events);
@@ -156,10 +159,9 @@ class TrackHealth {
     double distance_px;
     double along_px;  // along the curve
     double others_per_px;
-    double half_cell_px;
     uint8_t polarity;
   };
-  void AddEvent(const NearEvent& event, WindowLine& line, Sector& sector);
+  void AddEvent(const NearEvent& event, const CellTerms& cell, WindowLine& line, Sector& sector);
   // For each event that lies in the gates of several lines, finds the nearest of these lines and the width of its cell.
   void FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines);
   // Adds the terms of equation (2) of one polarity.
@@ -197,20 +199,11 @@ class TrackHealth {
   static double RightExcess(const LineStatistics& line, double accepted_noise_ratio);
   double ExcessSigma(const LineStatistics& line) const;
   int MissingSectors() const;
-  // Probability that an event of a cell with this half-width is near its line at the right pose.
-  double RightProbability(double half_cell_px) const;
-  double NearPx(double half_cell_px) const { return std::min(options_.near_px, 0.5 * half_cell_px); }
 
   const HealthOptions options_;
+  const NearProbability& near_probability_;
   const double min_events_per_px2_;
-  // RightProbability() for steps of the spread from min_spread_px to max_spread_px, 0.2 px apart, and of the cell from
-  // 0 to gate_px, 0.25 px apart. More steps would give the probability more exactly; the table takes 1 kB for each
-  // hypothesis.
-  static constexpr int kSpreadSteps = 3;
-  static constexpr int kCellSteps = 32;
-  std::array<std::array<double, kCellSteps + 1>, kSpreadSteps + 1> near_probability_;
   double testable_information_ = 0.0;
-  int spread_step_ = 0;                     // spread step of the window
   std::vector<LineStatistics> statistics_;  // since the last test result
   // The same from earlier test results, fading out over memory_us: the event deficit of a line becomes significant
   // only over many windows, each of which expects too few events.

@@ -78,13 +78,14 @@ class HealthTest : public ::testing::Test {
 
   const CameraModel camera_ = testing::MakeCamera(1280, 720, 1000.0);
   const HealthOptions options_{};
+  const NearProbability near_probability_{options_};
   std::vector<TrackedLine> tracked_;
   MotionState state_;
   std::vector<ImageLine> lines_;
   TileGrid grid_{camera_};
   std::vector<Observation> events_;
   Random random_{7};
-  TrackHealth health_{options_, 0.15, kNumLines};
+  TrackHealth health_{options_, near_probability_, 0.15, kNumLines};
 };
 
 TEST_F(HealthTest, APoseIsSupportedAtOnce) {
@@ -251,7 +252,7 @@ class DenseLinesTest : public ::testing::Test {
   // Windows with `count` events about each line, with a normal distribution about the place of another pose. Ends with
   // the first result.
   HealthResult Judge(int count, double shift_px, double spread_px, int max_windows) {
-    TrackHealth health(options_, 0.0, kNumLines);
+    TrackHealth health(options_, near_probability_, 0.0, kNumLines);
     HealthResult result;
     for (int i = 0; i < max_windows && result.kind == Kind::kOpen; ++i) {
       for (int k = 1; k + 1 < kNumLines; ++k) {
@@ -278,6 +279,7 @@ class DenseLinesTest : public ::testing::Test {
   const CameraModel camera_ = testing::MakeCamera(640, 480, 1000.0);
   const HealthOptions options_;
   std::vector<double> pooled_ratios_;  // CurveResult::support_ratio of the pooled curves of the last Judge()
+  const NearProbability near_probability_{options_};
   std::vector<TrackedLine> tracked_;
   std::vector<ImageLine> lines_;
   TileGrid grid_{camera_};
@@ -347,7 +349,7 @@ class RingHealthTest : public ::testing::Test {
     input.lines = tracked_;
     input.background_per_px2 = background_per_px2;
     input.expectations = expectations;
-    TrackHealth health(options_, 0.15, 1);
+    TrackHealth health(options_, near_probability_, 0.15, 1);
     WindowFit fit;
     fit.state = state_;
     health.AddWindow(camera_, input, lines_, fit);
@@ -356,6 +358,7 @@ class RingHealthTest : public ::testing::Test {
 
   const CameraModel camera_ = testing::MakeCamera(640, 480, 1000.0);
   const HealthOptions options_;
+  const NearProbability near_probability_{options_};
   std::vector<TrackedLine> tracked_;
   MotionState state_;
   std::vector<ImageLine> lines_;

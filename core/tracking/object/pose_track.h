@@ -37,6 +37,7 @@ struct TrackContext {
   std::shared_ptr<const ModelEdges> edges;  // edges of `model`
   std::shared_ptr<PhaseReporter> phase_reporter = std::make_shared<PhaseReporter>();
   BoundingSphere sphere = BoundingSphereOf(*model);  // object frame
+  std::shared_ptr<const NearProbability> near_probability = std::make_shared<const NearProbability>(options.health);
 };
 
 // Tracks one pose with its twist and covariance. Not thread-safe; deterministic.
