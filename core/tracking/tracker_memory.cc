@@ -74,6 +74,11 @@ uint64_t CurvesOf(const ObjectModel& model) {
   return std::min<uint64_t>(curves, ModelEdges::kMaxCurves);
 }
 
+// Returns the memory of CameraTables with an entry for each pixel.
+uint64_t PixelTablesBytes(const CameraModel& camera) {
+  return static_cast<uint64_t>(camera.width_px) * camera.height_px * (sizeof(Eigen::Vector2f) + sizeof(uint32_t));
+}
+
 // Returns the memory of an object without the model itself and its tables.
 uint64_t ObjectBytes(const ObjectModel& model, uint64_t num_cells, bool has_others, const TrackerOptions& options) {
   // Challengers are followed separately until they join. Contours give twice as many.
@@ -113,8 +118,7 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
       memory.max_bytes += num_trackers * largest.max_bytes;
       memory.max_state_bytes += num_trackers * largest.max_state_bytes;
     }
-    const uint64_t table_bytes = static_cast<uint64_t>(camera.width_px) * camera.height_px * sizeof(Eigen::Vector2f);
-    memory.max_bytes += views.size() * table_bytes;
+    memory.max_bytes += views.size() * PixelTablesBytes(camera);
     return memory;
   }
   constexpr uint64_t kStateEventBytes = 8;  // size of an event of a window, with its time as a difference
@@ -122,7 +126,7 @@ TrackerMemory EstimateTrackerMemory(const CameraModel& camera,
   const auto search_events = static_cast<uint64_t>(options.initialization.max_events);
   const uint64_t num_cells = TileGrid(camera).num_cells();
   TrackerMemory memory;
-  memory.max_bytes = num_pixels / 4 + (camera.HasDistortion() ? num_pixels * sizeof(Eigen::Vector2f) : 0);
+  memory.max_bytes = num_pixels / 4 + (camera.HasDistortion() ? PixelTablesBytes(camera) : 0);
   // The events of a search, before and after the removal of flicker, and the detector's index of them: 8 bytes for each
   // tile of an image that undistortion enlarges to 1.5 times its width and height.
   memory.max_bytes += kDetectionBytes + 2 * search_events * sizeof(PixelEvent) + num_pixels * 9 / 4 / 64 * 8;
