@@ -117,19 +117,14 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
   JoinElements(camera, state, lines, absl::MakeSpan(image_lines));
 }
 
-void MoveLines(const CameraModel& camera, const MotionState& state, const Vector6d& pose_change,
-               absl::Span<const TrackedLine> lines, absl::Span<ImageLine> image_lines) {
-  for (size_t k = 0; k < lines.size(); ++k) {
+void MoveLines(const MotionState& state, const Vector6d& pose_change, absl::Span<ImageLine> image_lines) {
+  for (size_t k = 0; k < image_lines.size(); ++k) {
     YieldPoint(k);
     ImageLine& line = image_lines[k];
-    if (!lines[k].is_element) {
-      line = ImageLine();
-      ProjectStraight(camera, state, lines[k], line);
-    } else if (line.in_view()) {
-      line.a += line.jacobian * pose_change;
-      line.a_expected = line.a;
-      line.a_dot = line.jacobian * state.twist;
-    }
+    if (!line.in_view()) continue;
+    line.a += line.jacobian * pose_change;
+    line.a_expected = line.a;
+    line.a_dot = line.jacobian * state.twist;
   }
 }
 

@@ -140,10 +140,9 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
                   std::vector<ImageLine>& image_lines);
 
 // Moves the `image_lines` of ProjectLines() to `state`, which differs from their state by the small motion
-// `pose_change` (the tangent of rigid_transform.h). Straight lines are projected as ProjectLines() does; elements are
-// displaced across themselves to first order, README, equation (10): their positions along themselves stay.
-void MoveLines(const CameraModel& camera, const MotionState& state, const Vector6d& pose_change,
-               absl::Span<const TrackedLine> lines, absl::Span<ImageLine> image_lines);
+// `pose_change` (the tangent of rigid_transform.h). Lines are displaced across themselves to first order, README,
+// equation (10): their positions along themselves and their Jacobians stay.
+void MoveLines(const MotionState& state, const Vector6d& pose_change, absl::Span<ImageLine> image_lines);
 
 // Computes a_dot_jacobian of the `image_lines` that ProjectLines() returned for the same arguments; that of elements
 // stays zero (core/estimation/README.md, section 7).

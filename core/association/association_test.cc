@@ -138,18 +138,17 @@ TEST(MoveLines, FollowsASmallMotion) {
   Vector12d change = Vector12d::Zero();
   change << 4e-4, 5e-4, 1e-4, 1e-3, -1e-3, 1e-3, 0.1, 0.0, 0.05, 0.2, 0.1, 0.3;
   const MotionState next = Plus(state, change);
-  MoveLines(camera, next, change.head<6>(), tracked, absl::MakeSpan(moved));
+  MoveLines(next, change.head<6>(), absl::MakeSpan(moved));
   ProjectLines(camera, next, tracked, exact);
-  EXPECT_EQ(moved[0].a, exact[0].a);
-  EXPECT_EQ(moved[0].a_dot, exact[0].a_dot);
-  EXPECT_EQ(moved[0].p1_px, exact[0].p1_px);
-  for (const double fraction : {0.0, 0.5, 1.0}) {
-    const Eigen::Vector3d bearing = BearingOf(camera, exact[1].PointAt(fraction));
-    EXPECT_GT(std::abs(before[1].a.dot(bearing)), 0.2) << "the motion is seen";
-    EXPECT_NEAR(moved[1].a.dot(bearing), 0.0, 5e-3);
-    EXPECT_NEAR(moved[1].a_dot.dot(bearing), exact[1].a_dot.dot(bearing), 0.01 * exact[1].a_dot.norm());
+  for (size_t k = 0; k < tracked.size(); ++k) {
+    for (const double fraction : {0.0, 0.5, 1.0}) {
+      const Eigen::Vector3d bearing = BearingOf(camera, exact[k].PointAt(fraction));
+      EXPECT_GT(std::abs(before[k].a.dot(bearing)), 0.2) << "the motion is seen";
+      EXPECT_NEAR(moved[k].a.dot(bearing), 0.0, 5e-3);
+      EXPECT_NEAR(moved[k].a_dot.dot(bearing), exact[k].a_dot.dot(bearing), 0.01 * exact[k].a_dot.norm());
+    }
+    EXPECT_EQ(moved[k].p1_px, before[k].p1_px);
   }
-  EXPECT_EQ(moved[1].p1_px, before[1].p1_px);
 }
 
 TEST(KeepLinesWithin, KeepsLinesWithinReachAtTheEventsTime) {

@@ -35,7 +35,8 @@ struct EventSampling {
 // rates of both polarities, and its memory.
 class NearEvents {
  public:
-  // `tables` must be those of `camera` and outlive the object. `windows_per_ms` is WindowOptions::intervals_per_usual().
+  // `tables` must be those of `camera` and outlive the object. `windows_per_ms` is
+  // WindowOptions::intervals_per_usual().
   NearEvents(const CameraModel& camera, const CameraTables& tables, int64_t windows_per_ms)
       : camera_(camera), tables_(tables), keep_(1.0 - kForgetPerMs / static_cast<double>(windows_per_ms)) {}
 

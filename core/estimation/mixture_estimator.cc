@@ -273,24 +273,26 @@ class MixtureEstimator : public WindowEstimator {
     if (input.image_lines.empty()) ProjectLines(camera_, predicted, input.lines, window_.lines);
     window_.moved_px = 0.0;
     learned_.edge_bias.FindOffsets(input.lines, window_.offsets);
-    CompleteLines(predicted, input);
+    ProjectVelocityJacobians(camera_, predicted, input.lines, absl::MakeSpan(window_.lines));
+    CorrectLines();
   }
   // Moves the lines to `state` after a step of the pose that moves them by at most `step_px`.
   void MoveTo(const MotionState& state, const Vector6d& pose_change, double step_px, const WindowInput& input) {
-    // The images of elements are projected again after they moved by more. The term of second order is then about 0.5^2
-    // / (2 r) for a rotation about a point at r pixels: 0.003 px for 50 px.
+    // The lines are projected again after they moved by more. The term of second order is then about 0.5^2 / (2 r) for
+    // a rotation about a point at r pixels: 0.003 px for 50 px.
     constexpr double kLinearPx = 0.5;
     window_.moved_px += step_px;
     if (window_.moved_px <= kLinearPx) {
-      MoveLines(camera_, state, pose_change, input.lines, absl::MakeSpan(window_.lines));
+      MoveLines(state, pose_change, absl::MakeSpan(window_.lines));
     } else {
       ProjectLines(camera_, state, input.lines, window_.lines);
+      ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(window_.lines));
       window_.moved_px = 0.0;
     }
-    CompleteLines(state, input);
+    CorrectLines();
   }
-  void CompleteLines(const MotionState& state, const WindowInput& input) {
-    ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(window_.lines));
+  // Displaces the lines by the biases of their edges.
+  void CorrectLines() {
     YieldPoint();
     learned_.edge_bias.Correct(window_.offsets, absl::MakeSpan(window_.lines));
     for (size_t k = 0; k < window_.lines.size(); ++k) window_.lines[k].a_expected.z() -= window_.flicker_biases_px[k];
