@@ -12,6 +12,7 @@
 #include "core/estimation/event_deficit.h"
 #include "core/estimation/event_dispersion.h"
 #include "core/estimation/flicker_bias.h"
+#include "core/geometry/covariance_inverse.h"
 #include "core/geometry/lines_of_a_pose.h"
 #include "core/numerics/math.h"
 #include "core/numerics/reusable_vector.h"
@@ -23,15 +24,6 @@ namespace {
 constexpr int kWindowsPerSystematic = 8;
 // Pixels per second: below it the direction of the motion of a line, and with it the sign of its lag, is uncertain.
 constexpr double kSlowPxPerS = 20.0;
-
-// Solves column by column: for the whole identity matrix Eigen would use the blocked algorithm for large matrices,
-// which is slower here.
-Matrix12d SymmetricInverse(const Matrix12d& matrix) {
-  const Eigen::LDLT<Matrix12d> factors(matrix);
-  Matrix12d inverse;
-  for (int k = 0; k < 12; ++k) inverse.col(k) = factors.solve(Vector12d::Unit(k));
-  return 0.5 * (inverse + inverse.transpose());
-}
 
 // Number of lines between two yield points; their equations take about 0.1 ms.
 constexpr size_t kLinesBetweenYields = 128;
@@ -62,7 +54,7 @@ class MixtureEstimator : public WindowEstimator {
     // Upper bound of the outlier ratio from the background: a larger one would leave the line without weight, and the
     // background rate itself is not known better than this.
     constexpr double kMaxBackgroundRatio = 0.99;
-    const Matrix12d prior_information = SymmetricInverse(predicted.covariance);
+    const Matrix12d prior_information = CovarianceInverse(predicted.covariance);
 
     MotionState state = predicted;
     AssignDefaults(input.lines.size(), window_.flicker_biases_px);
@@ -102,7 +94,7 @@ class MixtureEstimator : public WindowEstimator {
     AddPriorEquations(state, predicted, prior_information, hessian, gradient);
     fit.Clear();
     fit.deficit_ratio = NormalEquations(state, input, density.sigma_px, Information::kObserved, hessian, gradient);
-    state.covariance = SymmetricInverse(hessian);
+    state.covariance = CovarianceInverse(hessian);
     fit.systematic_covariance = SystematicCovariance(prior_information, input, density.sigma_px, state);
 
     window_.final_gate_px = density.gate_px;

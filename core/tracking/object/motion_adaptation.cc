@@ -1,21 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/tracking/object/motion_adaptation.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+
+#include "core/geometry/covariance_inverse.h"
 
 namespace evpose {
 
 MotionAdaptation::Innovation MotionAdaptation::Compare(const MotionState& predicted, const MotionState& estimated) {
   const Vector12d x = Minus(estimated, predicted);
-  const Eigen::LDLT<Matrix12d> prior(predicted.covariance);
+  const Matrix12d information = CovarianceInverse(predicted.covariance);
   Innovation innovation;
-  innovation.square = x.dot(prior.solve(x));
-  double kept = 0.0;
-  for (int k = 0; k < 12; ++k) kept += prior.solve(Vector12d(estimated.covariance.col(k)))[k];
-  innovation.expected = 12.0 - kept;
+  innovation.square = x.dot(information * x);
+  innovation.expected = 12.0 - information.cwiseProduct(estimated.covariance).sum();
   return innovation;
 }
 
