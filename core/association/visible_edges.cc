@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "core/association/element_arcs.h"
-#include "core/association/other_objects.h"
 #include "core/base/yield_point.h"
 #include "core/contours/surface_tables.h"
 #include "core/numerics/math.h"
@@ -18,11 +17,14 @@ namespace evpose {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// Changes of the view below which the visible parts are not computed again: translation of the image, pixels, which
-// moves the ends of a visible part by little against a line's length; and rotation, radians (0.3 degrees). Faces that
-// turn towards or away from the camera are checked separately, at every pose.
-constexpr double kChangePx = 2.0;
+// Changes of the view below which the visible parts are not computed again: the direction from the object to the
+// camera centre, radians (0.3 degrees), and the distance. Faces that turn towards or away from the camera are checked
+// separately, at every pose.
 constexpr double kChangeRad = 0.005;
+constexpr double kChangeOfDistance = 0.01;
+// For an object that the border of the image cuts: translation of the image, pixels, which moves the ends of a visible
+// part by little against a line's length.
+constexpr double kChangePx = 2.0;
 // Radians (0.75 degrees), for the straight lines of a model that has many, or curves besides: each of its lines has a
 // small part of the information, and rays are a large part of the cost.
 constexpr double kChangeOfManyRad = 0.013;
@@ -79,7 +81,7 @@ ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibi
       lines_(LongestLines(model, kMaxPool)),
       num_curves_(static_cast<int>(
           std::min<uint64_t>(kMaxCurves, std::max<uint64_t>(elements_.num_curves(), model.lines.size())))),
-      centre_(BoundingSphereOf(model).centre) {
+      sphere_(BoundingSphereOf(model)) {
   for (const EdgeCurve& curve : model.curves) flat_faces_.push_back(FlatFacesOf(curve));
   face_planes_ = FindFacePlanes();
 }
@@ -146,7 +148,7 @@ bool ModelEdges::IsNarrow(const FacePlane& plane, double distance_m, double foca
 
 void ModelEdges::FacingPlanes(const Eigen::Vector3d& eye, double focal_px, std::vector<bool>& facing) const {
   facing.clear();
-  const double distance_m = (eye - centre_).norm();
+  const double distance_m = (eye - sphere_.centre).norm();
   for (const FacePlane& plane : face_planes_) {
     facing.push_back(!IsNarrow(plane, distance_m, focal_px) && plane.normal.dot(eye - plane.point) > 0.0);
   }
@@ -187,11 +189,35 @@ VisibleEdges::VisibleEdges(const CameraModel& camera, const ModelEdges& edges) :
 
 bool VisibleEdges::ViewChanged(const RigidTransform& camera_from_object) const {
   if (!computed_at_) return true;
+  const double change_rad = edges_.elements().has_curves() || edges_.has_many_lines() ? kChangeOfManyRad : kChangeRad;
+  if (was_whole_ && IsWholeInImage(camera_from_object)) {
+    const Eigen::Vector3d now = camera_from_object.Inverse().translation_m - edges_.centre();
+    const Eigen::Vector3d then = computed_at_->Inverse().translation_m - edges_.centre();
+    return SineOfViewChange(now, then) > change_rad ||
+           std::abs(now.norm() - then.norm()) > kChangeOfDistance * then.norm();
+  }
   const Vector6d change = Difference(camera_from_object, *computed_at_);
   const double depth_m = camera_from_object.translation_m.norm();
-  const double focal_px = camera_.MaxFocalPx();
-  const double change_rad = edges_.elements().has_curves() || edges_.has_many_lines() ? kChangeOfManyRad : kChangeRad;
-  return change.head<3>().norm() * focal_px > kChangePx * depth_m || change.tail<3>().norm() > change_rad;
+  return change.head<3>().norm() * camera_.MaxFocalPx() > kChangePx * depth_m || change.tail<3>().norm() > change_rad;
+}
+
+bool VisibleEdges::IsWholeInImage(const RigidTransform& camera_from_object) const {
+  const Eigen::Vector3d centre = camera_from_object * edges_.centre();
+  const double radius_m = edges_.sphere().radius_m;
+  const double nearest_m = centre.z() - radius_m;
+  if (!(nearest_m > 0.0)) return false;
+  // No point of the sphere is further from the image of its centre, in any of the two directions.
+  const Eigen::Vector2d middle = centre.head<2>() / centre.z();
+  const double reach_px = camera_.MaxFocalPx() * radius_m / nearest_m * (1.0 + middle.cwiseAbs().maxCoeff());
+  const Eigen::Vector2d middle_px = camera_.Project(centre);
+  // The middles of the sides are tested, too, because a lens bends them.
+  for (int row = -1; row <= 1; ++row) {
+    for (int column = -1; column <= 1; ++column) {
+      const bool is_on_border = row != 0 || column != 0;
+      if (is_on_border && !camera_.IsInImage(middle_px + reach_px * Eigen::Vector2d(column, row))) return false;
+    }
+  }
+  return true;
 }
 
 bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int level) {
@@ -259,6 +285,7 @@ void VisibleEdges::MeasureFaces(const Eigen::Vector3d& eye) {
 
 void VisibleEdges::ComputeAt(const RigidTransform& camera_from_object) {
   computed_at_ = camera_from_object;
+  was_whole_ = IsWholeInImage(camera_from_object);
   lines_.clear();
   edges_.visibility().FindVisibleSegments(camera_, camera_from_object, chosen_, segments_);
   for (const VisibleSegment& segment : segments_) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "core/association/association.h"
+#include "core/association/other_objects.h"
 #include "core/contours/edge_elements.h"
 #include "core/contours/segment_image.h"
 #include "core/models/object_model.h"
@@ -68,8 +69,9 @@ class ModelEdges {
   // Sets for each of face_planes() whether the outer side faces the camera centre `eye` (object frame); false for a
   // narrow one.
   void FacingPlanes(const Eigen::Vector3d& eye, double focal_px, std::vector<bool>& facing) const;
-  // Centre of the object, object frame.
-  const Eigen::Vector3d& centre() const { return centre_; }
+  // Of the object, object frame.
+  const BoundingSphere& sphere() const { return sphere_; }
+  const Eigen::Vector3d& centre() const { return sphere_.centre; }
 
  private:
   // The normals of the flat faces beside a curve, zero for others, and the diameter of the curve.
@@ -88,7 +90,7 @@ class ModelEdges {
   int num_curves_ = 0;
   std::vector<FlatFaces> flat_faces_;  // the flat faces at each of ObjectModel::curves
   std::vector<FacePlane> face_planes_;
-  Eigen::Vector3d centre_ = Eigen::Vector3d::Zero();
+  BoundingSphere sphere_;
 };
 
 // Keeps the model; for caches of shared objects.
@@ -125,6 +127,8 @@ class VisibleEdges {
   // Sets the prior contrasts of all. A line beside a longer one, which has its events, has that of a step.
   void SetPriorContrasts(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
+  // Returns false if a part of the object may lie outside the image.
+  bool IsWholeInImage(const RigidTransform& camera_from_object) const;
   // Extracts the elements at the pose, and chooses the straight lines of a model that has many.
   void ExtractAt(const RigidTransform& camera_from_object, int level);
   // Whether the elements must be extracted again at this pose and level: the view has changed, or a flat face has
@@ -144,6 +148,7 @@ class VisibleEdges {
   const CameraModel camera_;
   const ModelEdges& edges_;
   std::optional<RigidTransform> computed_at_;
+  bool was_whole_ = false;                      // IsWholeInImage() at computed_at_
   std::optional<RigidTransform> extracted_at_;  // only for models with elements or many lines
   int level_ = -1;                              // level of detail; negative before the first extraction
   std::vector<int> chosen_;                     // straight lines that are tested

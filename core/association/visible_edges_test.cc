@@ -59,6 +59,28 @@ TEST_F(VisibleEdgesTest, TheWidthOfAFaceIsUpdatedWithoutANewRayCast) {
   EXPECT_NEAR(after_px / before_px, 1.25, 0.01);
 }
 
+// Sideways motion changes the visible parts by the border of the image, and by the direction of view.
+TEST_F(VisibleEdgesTest, TheVisiblePartsFollowAMotionOutOfTheImage) {
+  const auto length_px = [&](absl::Span<const TrackedLine> lines, const RigidTransform& pose) {
+    double sum_px = 0.0;
+    for (const TrackedLine& line : lines)
+      sum_px += (camera_.Project(pose * line.p2) - camera_.Project(pose * line.p1)).norm();
+    return sum_px;
+  };
+  double longest_px = 0.0, shortest_px = 1e9;
+  for (int i = 0; i < 600; ++i) {
+    const RigidTransform pose = MakePose({0.1 + 0.001 * i, 0.0, 1.0}, {0.5, 0.4, 0.1});
+    VisibleEdges fresh(camera_, edges_);
+    const double expected_px = length_px(fresh.At(pose), pose);
+    const double px = length_px(lines_.At(pose), pose);
+    // Nine lines, each of which the border cuts at most 2 px later.
+    EXPECT_NEAR(px, expected_px, 9 * 2.5) << i;
+    longest_px = std::max(longest_px, px);
+    shortest_px = std::min(shortest_px, px);
+  }
+  EXPECT_LT(shortest_px, 0.5 * longest_px);
+}
+
 TEST_F(VisibleEdgesTest, ALineWithoutFacesHasNoNarrowOne) {
   ObjectModel wires = *cube_;
   wires.vertices.clear();
