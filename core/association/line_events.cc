@@ -27,7 +27,9 @@ void LineEvents::Sort(absl::Span<const Observation> events, size_t num_lines, ab
   const auto image_of = [&](uint16_t line) {
     return lines.empty() || lines[line].sagitta_px == 0.0 ? nullptr : &lines[line];
   };
+  has_others_ = false;
   for (const Observation& event : events) {
+    has_others_ |= event.others_per_px > 0.0f;
     std::array<uint32_t, Observation::kMaxLines> places;
     for (int i = 0; i < event.num_lines; ++i) places[i] = Place(event, event.lines[i], image_of(event.lines[i]));
     if (event.num_lines > 1) shared_.push_back({places, event.num_lines, event.others_per_px});

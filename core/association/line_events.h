@@ -96,6 +96,9 @@ class LineEvents {
   // The results of the accessors below are valid until the next Sort(). Groups that are not shared come first.
   absl::Span<const LineGroup> groups() const { return groups_; }
 
+  // Whether an event may have been produced by another object (Observation::others_per_px).
+  bool has_others() const { return has_others_; }
+
   // An event with several candidate lines.
   struct Shared {
     std::array<uint32_t, Observation::kMaxLines> places;
@@ -123,6 +126,7 @@ class LineEvents {
   // position (Shared::Places).
   uint32_t Place(const Observation& event, int line, const ImageLine* image);
 
+  bool has_others_ = false;
   size_t num_lines_ = 0;
   size_t capacity_ = 0;           // number of events for which memory is reserved
   std::vector<uint32_t> counts_;  // by KeyOf(): number of events, later index into groups_

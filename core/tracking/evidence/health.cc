@@ -44,8 +44,7 @@ TrackHealth::TrackHealth(const HealthOptions& options, const NearProbability& ne
       memory_(static_cast<size_t>(num_curves)),
       curve_results_(static_cast<size_t>(num_curves)) {
   const CellTerms widest = near_probability.Of(options.gate_px, NearProbability::kSpreadSteps);
-  testable_information_ =
-      kTestableEvents * widest.right_excess * widest.right_excess / (widest.chance * (1.0 - widest.chance));
+  testable_information_ = kTestableEvents * widest.Information();
 }
 
 void TrackHealth::Reset() {
@@ -96,6 +95,10 @@ void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLi
     if (!lines[group.line].in_view()) continue;
     const GroupLine line(group, lines[group.line]);
     const Place& place = places_[group.line];
+    if (!group.is_shared && !input.sorted->has_others()) {
+      AddOwnEvents(group, line, place, whole_gate);
+      continue;
+    }
     for (size_t i = 0; i < group.events.size(); ++i) {
       const EventLanes& event = group.events[i];
       const Lanes distance_px = line.DistancePx(event);
@@ -114,27 +117,59 @@ void TrackHealth::CountWindow(const WindowInput& input, absl::Span<const ImageLi
   }
 }
 
+void TrackHealth::AddOwnEvents(const LineGroup& group, const GroupLine& line, const Place& place,
+                               const CellTerms& cell) {
+  WindowLine& window_line = window_lines_[place.window_line];
+  const Lanes gate_px = AllLanes(options_.gate_px), near_px = AllLanes(cell.near_px);
+  const Lanes begin = AllLanes(place.begin_px * window_line.places_per_px);
+  const Lanes places_per_px = AllLanes(window_line.places_per_px);
+  const Lanes last_place = AllLanes(static_cast<double>(window_line.along.size()) - 1.0);
+  std::array<LaneMask, 2> gated = {}, near = {};  // by half of the line, minus the counts: a mask is -1
+  for (const EventLanes& event : group.events) {
+    const Lanes distance_px = line.DistancePx(event);
+    const Lanes along_px = line.AlongPx(event);
+    const LaneMask counts = line.IsGated(event, distance_px, along_px, gate_px);
+    const LaneMask is_near = counts & (Abs(distance_px) <= near_px);
+    const LaneMask is_second = 2.0f * along_px >= line.length_px();
+    gated[0] += counts & ~is_second;
+    gated[1] += counts & is_second;
+    near[0] += is_near & ~is_second;
+    near[1] += is_near & is_second;
+    const Lanes along = begin + along_px * places_per_px;
+    const Lanes in_line = Select(along > 0.0f, Select(along < last_place, along, last_place), Lanes{});
+    for (int i = 0; i < kNumLanes; ++i) window_line.along[static_cast<int>(in_line[i])] -= counts[i];
+  }
+  const auto count = [](LaneMask mask) { return static_cast<double>(-(mask[0] + mask[1] + mask[2] + mask[3])); };
+  for (int half = 0; half < 2; ++half) {
+    window_line.of[group.polarity].Add(count(gated[half]), count(near[half]), cell);
+    window_sectors_[place.sector[half]].Add(count(gated[half]), count(near[half]), cell);
+  }
+}
+
 void TrackHealth::AddEvent(const NearEvent& event, const CellTerms& cell, WindowLine& line, Sector& sector) {
-  // Excess of the right pose per event below which an event carries no evidence: the cell is narrower than the spread.
-  constexpr double kLeastExcess = 0.1;
   const double share = OwnShare(event.distance_px, event.others_per_px);
-  const double chance = cell.chance;
-  const bool is_near = std::abs(event.distance_px) <= cell.near_px;
-  const double excess = share * ((is_near ? 1.0 : 0.0) - chance);
-  const double variance = share * chance * (1.0 - chance);
-  const double right_excess = cell.right_excess;
+  const double near = std::abs(event.distance_px) <= cell.near_px ? share : 0.0;
   const double place = std::clamp(event.along_px * line.places_per_px, 0.0, line.along.size() - 1.0);
   line.along[static_cast<int>(place)] += share;
-  PolarityCounts& counts = line.of[event.polarity];
-  counts.gated += share;
-  counts.near += is_near ? share : 0.0;
-  counts.excess += excess;
-  counts.variance += variance;
-  counts.right_excess += share * right_excess;
-  counts.information += share * right_excess * right_excess / (chance * (1.0 - chance));
-  if (right_excess < kLeastExcess) return;
-  sector.observed += excess / right_excess;
-  sector.variance += variance / (right_excess * right_excess);
+  line.of[event.polarity].Add(share, near, cell);
+  sector.Add(share, near, cell);
+}
+
+void TrackHealth::PolarityCounts::Add(double new_gated, double new_near, const CellTerms& cell) {
+  gated += new_gated;
+  near += new_near;
+  excess += new_near - new_gated * cell.chance;
+  variance += new_gated * cell.Variance();
+  right_excess += new_gated * cell.right_excess;
+  information += new_gated * cell.Information();
+}
+
+void TrackHealth::Sector::Add(double gated, double near, const CellTerms& cell) {
+  // Excess of the right pose per event below which an event carries no evidence: the cell is narrower than the spread.
+  constexpr double kLeastExcess = 0.1;
+  if (cell.right_excess < kLeastExcess) return;
+  observed += (near - gated * cell.chance) / cell.right_excess;
+  variance += gated * cell.Variance() / (cell.right_excess * cell.right_excess);
 }
 
 EventConcentration TrackHealth::Concentration(const WindowInput& input, absl::Span<const ImageLine> lines,

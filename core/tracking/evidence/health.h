@@ -109,6 +109,8 @@ class TrackHealth {
   // Counts of one polarity of a window near one line, and the terms of equation (2) without weights.
   struct PolarityCounts {
     double gated = 0.0, near = 0.0, excess = 0.0, variance = 0.0, right_excess = 0.0, information = 0.0;
+
+    void Add(double new_gated, double new_near, const CellTerms& cell);
   };
   struct WindowLine {            // a straight line or a curve
     int curve = 0;               // TrackedLine::curve
@@ -129,6 +131,8 @@ class TrackHealth {
     double variance = 0.0;  // variance of `observed`
 
     bool IsMissing(const HealthOptions& options) const;
+    // Adds gated events with this cell, of which `near` are near their line.
+    void Add(double gated, double near, const CellTerms& cell);
     static void VisitState(auto& archive, auto& self) {
       auto& [expected, observed, variance] = self;
       archive(Finite(expected), Finite(observed), Finite(variance));
@@ -162,6 +166,9 @@ class TrackHealth {
     uint8_t polarity;
   };
   void AddEvent(const NearEvent& event, const CellTerms& cell, WindowLine& line, Sector& sector);
+  // Does so for a group whose events have no other candidate, neither a line nor another object: all of them have the
+  // whole gate as their cell.
+  void AddOwnEvents(const LineGroup& group, const GroupLine& line, const Place& place, const CellTerms& cell);
   // For each event that lies in the gates of several lines, finds the nearest of these lines and the width of its cell.
   void FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines);
   // Adds the terms of equation (2) of one polarity.

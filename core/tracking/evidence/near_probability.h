@@ -15,6 +15,10 @@ struct CellTerms {
   double near_px = 0.0;       // an event at up to this distance is near its line
   double chance = 0.0;        // probability that an event of uniform clutter is near
   double right_excess = 0.0;  // the same probability at the right pose minus `chance`
+
+  // Of an event of uniform clutter: 1 if it is near, else 0.
+  double Variance() const { return chance * (1.0 - chance); }
+  double Information() const { return right_excess * right_excess / Variance(); }
 };
 
 // Depends on the options only, so that all hypotheses of an object share it: the table takes about 0.1 ms to compute.
