@@ -117,14 +117,15 @@ void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Spa
   JoinElements(camera, state, lines, absl::MakeSpan(image_lines));
 }
 
-void MoveLines(const MotionState& state, const Vector6d& pose_change, absl::Span<ImageLine> image_lines) {
+void MoveLines(const Vector12d& change, absl::Span<ImageLine> image_lines) {
+  const Vector6d pose_change = change.head<6>(), twist_change = change.tail<6>();
   for (size_t k = 0; k < image_lines.size(); ++k) {
     YieldPoint(k);
     ImageLine& line = image_lines[k];
     if (!line.in_view()) continue;
     line.a += line.jacobian * pose_change;
     line.a_expected = line.a;
-    line.a_dot = line.jacobian * state.twist;
+    line.a_dot += line.jacobian * twist_change + line.a_dot_jacobian * pose_change;
   }
 }
 

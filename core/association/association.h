@@ -139,10 +139,9 @@ void ForEachArc(absl::Span<const TrackedLine> tracked, absl::Span<const ImageLin
 void ProjectLines(const CameraModel& camera, const MotionState& state, absl::Span<const TrackedLine> lines,
                   std::vector<ImageLine>& image_lines);
 
-// Moves the `image_lines` of ProjectLines() to `state`, which differs from their state by the small motion
-// `pose_change` (the tangent of rigid_transform.h). Lines are displaced across themselves to first order, README,
-// equation (10): their positions along themselves and their Jacobians stay.
-void MoveLines(const MotionState& state, const Vector6d& pose_change, absl::Span<ImageLine> image_lines);
+// Moves `image_lines` by a small change of the state (Plus() in core/geometry/motion_prior.h). Lines are displaced
+// across themselves to first order, README, equation (10): their positions along themselves and their Jacobians stay.
+void MoveLines(const Vector12d& change, absl::Span<ImageLine> image_lines);
 
 // Computes a_dot_jacobian of the `image_lines` that ProjectLines() returned for the same arguments; that of elements
 // stays zero (core/estimation/README.md, section 7).

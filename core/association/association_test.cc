@@ -134,11 +134,12 @@ TEST(MoveLines, FollowsASmallMotion) {
   tracked[1].is_element = true;
   std::vector<ImageLine> before, moved, exact;
   ProjectLines(camera, state, tracked, before);
+  ProjectVelocityJacobians(camera, state, tracked, absl::MakeSpan(before));
   moved = before;
   Vector12d change = Vector12d::Zero();
   change << 4e-4, 5e-4, 1e-4, 1e-3, -1e-3, 1e-3, 0.1, 0.0, 0.05, 0.2, 0.1, 0.3;
   const MotionState next = Plus(state, change);
-  MoveLines(next, change.head<6>(), absl::MakeSpan(moved));
+  MoveLines(change, absl::MakeSpan(moved));
   ProjectLines(camera, next, tracked, exact);
   for (size_t k = 0; k < tracked.size(); ++k) {
     for (const double fraction : {0.0, 0.5, 1.0}) {

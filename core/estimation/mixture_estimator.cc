@@ -22,6 +22,9 @@ namespace {
 
 // Windows after which the sensitivity to systematic errors is updated. It changes with the view, within some 0.1 s.
 constexpr int kWindowsPerSystematic = 8;
+// Pixels by which the lines are moved to first order before they are projected again. The term of second order is then
+// about 0.5^2 / (2 r) for a rotation about a point at r pixels: 0.003 px for 50 px.
+constexpr double kLinearPx = 0.5;
 // Pixels per second: below it the direction of the motion of a line, and with it the sign of its lag, is uncertain.
 constexpr double kSlowPxPerS = 20.0;
 
@@ -269,13 +272,10 @@ class MixtureEstimator : public WindowEstimator {
     CorrectLines();
   }
   // Moves the lines to `state` after a step of the pose that moves them by at most `step_px`.
-  void MoveTo(const MotionState& state, const Vector6d& pose_change, double step_px, const WindowInput& input) {
-    // The lines are projected again after they moved by more. The term of second order is then about 0.5^2 / (2 r) for
-    // a rotation about a point at r pixels: 0.003 px for 50 px.
-    constexpr double kLinearPx = 0.5;
+  void MoveTo(const MotionState& state, const Vector12d& change, double step_px, const WindowInput& input) {
     window_.moved_px += step_px;
     if (window_.moved_px <= kLinearPx) {
-      MoveLines(state, pose_change, absl::MakeSpan(window_.lines));
+      MoveLines(change, absl::MakeSpan(window_.lines));
     } else {
       ProjectLines(camera_, state, input.lines, window_.lines);
       ProjectVelocityJacobians(camera_, state, input.lines, absl::MakeSpan(window_.lines));
@@ -293,9 +293,9 @@ class MixtureEstimator : public WindowEstimator {
   // line, in pixels.
   double Minimise(const MotionState& predicted, const Matrix12d& prior_information, const WindowInput& input,
                   double sigma_px, MotionState& state) {
-    // Gauss-Newton steps per pass: the next pass changes the weights anyway.
+    // Gauss-Newton steps per pass: the next pass changes the weights anyway. While the lines move to first order, their
+    // equations are linear, so that the first step leads to the minimum.
     constexpr int kSteps = 2;
-    constexpr double kLinearPx = 0.05;  // pixels; a second step would change the pose by about a thousandth of this
     double moved_px = 0.0;
     for (int step = 0; step < kSteps; ++step) {
       Matrix12d hessian = Matrix12d::Zero();
@@ -306,7 +306,7 @@ class MixtureEstimator : public WindowEstimator {
       if (!dx.allFinite()) break;
       const double step_px = MovementPx(dx, input.duration_s);
       state = Plus(state, dx);
-      MoveTo(state, dx.head<6>(), step_px, input);
+      MoveTo(state, dx, step_px, input);
       moved_px = std::max(moved_px, step_px);
       if (step_px < kLinearPx) break;
     }
