@@ -44,8 +44,10 @@ class MixtureEstimator : public WindowEstimator {
                  .clutter = LineClutter(camera)} {}
 
   double ReachPx(double predicted_spread_px, double gate_factor) const override {
-    // The pose, and with it the lines, may move by up to one gate before the passes converge.
-    return 2.0 * FirstGatePx(predicted_spread_px, gate_factor);
+    // The pose, and with it the lines, may move by up to one gate before the passes converge, but hardly by more than
+    // four standard deviations of the prediction.
+    const double gate_px = FirstGatePx(predicted_spread_px, gate_factor);
+    return gate_px + std::min(gate_px, 4.0 * predicted_spread_px);
   }
   int MaxEvents() const override { return options_.max_events; }
   bool UpdatesCovariance() const override { return true; }
