@@ -62,7 +62,7 @@ struct WindowOptions {
   int min_events = 150;
   // Maximum number of events kept per window, which bounds memory and time. Downsampling keeps about half of it, or
   // more.
-  int max_events = 16'384;
+  int max_events = 8'192;
   // A longer time without events, microseconds, becomes one window instead of many. This bounds the work that a wrong
   // time stamp can cause.
   int64_t max_gap_us = 10'000'000;
