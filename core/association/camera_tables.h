@@ -20,6 +20,9 @@ struct CameraTables {
   CameraTables(const CameraModel& camera, UndistortionTable bearings)
       : undistortion(std::move(bearings)), tiles(camera, undistortion) {}
 
+  CameraTables(const CameraTables&) = delete;  // `tiles` refers to `undistortion`
+  CameraTables& operator=(const CameraTables&) = delete;
+
   UndistortionTable undistortion;
   TileTable tiles;
 };

@@ -40,5 +40,12 @@ TEST(TileTableTest, WithDistortionIsTheTileOfTheBearing) {
   EXPECT_GT(CompareAllPixels(camera), 0) << "the lens moves pixels beyond the grid";
 }
 
+TEST(TileTableTest, OfALargeCameraIsTheTileOfTheBearing) {
+  CameraModel camera = testing::MakeCamera(2100, 2000, 1500.0);
+  ASSERT_GT(static_cast<size_t>(camera.width_px * camera.height_px), TileTable::kMaxPixels);
+  camera.distortion[0] = -0.1;
+  CompareAllPixels(camera);
+}
+
 }  // namespace
 }  // namespace evpose

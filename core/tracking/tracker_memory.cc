@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "core/association/association.h"
+#include "core/association/tile_table.h"
 #include "core/association/visible_edges.h"
 #include "core/detection/line_detector.h"
 #include "core/detection/plane_detector.h"
@@ -76,7 +77,8 @@ uint64_t CurvesOf(const ObjectModel& model) {
 
 // Returns the memory of CameraTables with an entry for each pixel.
 uint64_t PixelTablesBytes(const CameraModel& camera) {
-  return static_cast<uint64_t>(camera.width_px) * camera.height_px * (sizeof(Eigen::Vector2f) + sizeof(uint32_t));
+  return static_cast<uint64_t>(camera.width_px) * camera.height_px *
+         (sizeof(Eigen::Vector2f) + TileTable::BytesPerPixel(camera));
 }
 
 // Returns the memory of an object without the model itself and its tables.

@@ -28,14 +28,15 @@ double MegabytesOf(const CameraModel& camera, const Models& models) {
 
 TEST(TrackerMemory, GrowsWithPixelsObjectsAndDistortion) {
   const std::shared_ptr<const ObjectModel> cube = MakeCube(0.2);
-  const CameraModel small = MakeCamera(640, 480, 500.0);
+  CameraModel small = MakeCamera(640, 480, 500.0);
   CameraModel large = MakeCamera(4096, 4096, 3000.0);
   const double one = MegabytesOf(small, {cube});
   EXPECT_GT(MegabytesOf(large, {cube}), one + 4.0) << "two bits per pixel of the history, and grids";
   EXPECT_GT(MegabytesOf(small, Models(16, cube)), one + 15 * 5.0) << "the stored windows of each object";
   const double plain = MegabytesOf(large, {cube});
-  large.distortion[0] = -0.1;
-  EXPECT_NEAR(MegabytesOf(large, {cube}) - plain, 8.0 * 4096 * 4096 / kMb, 0.1);
+  large.distortion[0] = small.distortion[0] = -0.1;
+  EXPECT_NEAR(MegabytesOf(small, {cube}) - one, 12.0 * 640 * 480 / kMb, 0.1) << "bearings and tiles";
+  EXPECT_NEAR(MegabytesOf(large, {cube}) - plain, 8.0 * 4096 * 4096 / kMb, 0.1) << "bearings";
 }
 
 TEST(TrackerMemory, CountsAModelAndItsSearchTreeOnceForAllObjects) {
