@@ -23,16 +23,12 @@ void ObjectTracker::AddRivals(const EventWindow& window) {
     const ModelEdges::FacePlane& face = context_.edges->face_planes()[*due];
     hypotheses_.AddRival(MirroredState(motion, face.point, face.normal, focal_px, context_.options.initial),
                          Hypotheses::RivalKind::kSameEdges);
-  } else if (HasCloseCurves() && tilt_test_.Update(motion.camera_from_object, rival_generator_.centroid(),
-                                                   hypotheses_.first().spread_px())) {
+  } else if (tilt_test_.Update(motion.camera_from_object, rival_generator_.centroid(),
+                               hypotheses_.first().spread_px())) {
     AddTiltedRivals();
   } else if (rival_schedule_.IsDue(window.t_end_us)) {
     AddGeneratedRivals(window.t_end_us);
   }
-}
-
-bool ObjectTracker::HasCloseCurves() const {
-  return context_.edges->elements().has_curves() || context_.edges->has_many_lines();
 }
 
 void ObjectTracker::AddTiltedRivals() {

@@ -105,8 +105,6 @@ class ObjectTracker {
   // Adds rivals of the published pose: the mirrored one when a face of the object has passed the position in which it
   // is seen edge-on, the tilted ones when the view has turned, and the generated ones at intervals.
   void AddRivals(const EventWindow& window);
-  // Whether the view may show curves so close to each other that the association can follow a wrong inclination.
-  bool HasCloseCurves() const;
   void AddTiltedRivals();
   void AddGeneratedRivals(int64_t t_us);
   // Starts the tests of the generated rivals of a pose that is published from now on.
