@@ -83,26 +83,32 @@ SlowExecutor::Items::iterator SlowExecutor::FirstOverlapping(Queue& queue) {
                       [](const Item& item) { return item.overlap == Overlap::kAny; });
 }
 
-SlowExecutor::Queues::iterator SlowExecutor::FindNext(Place place) {
+SlowExecutor::Queues::iterator SlowExecutor::FindNext(absl::FunctionRef<bool(Queue&)> has_item) {
   auto next = queues_.end();
   for (auto queue = queues_.begin(); queue != queues_.end(); ++queue) {
-    const bool has_item = place == Place::kRunning ? !queue->second.has_thread && !queue->second.waiting.empty()
-                                                   : FirstOverlapping(queue->second) != queue->second.waiting.end();
-    if (has_item && (next == queues_.end() || queue->second.turn < next->second.turn)) next = queue;
+    if (!has_item(queue->second)) continue;
+    if (next == queues_.end() || queue->second.turn < next->second.turn) next = queue;
   }
   return next;
 }
 
+SlowExecutor::Queues::iterator SlowExecutor::FindNextOverlapping() {
+  const auto overlaps = [](Queue& queue) { return FirstOverlapping(queue) != queue.waiting.end(); };
+  const auto has_none_running = [](Queue& queue) { return queue.running.empty(); };
+  // A tenant without a running item is first. While there is one, no other tenant gets a further item.
+  const auto next = FindNext([&](Queue& queue) { return has_none_running(queue) && overlaps(queue); });
+  if (next != queues_.end() || FindNext(has_none_running) != queues_.end()) return next;
+  return FindNext(overlaps);
+}
+
 void SlowExecutor::Dispatch() {
   while (used_.running < places_.running) {
-    const auto next = FindNext(Place::kRunning);
+    const auto next = FindNext([](Queue& queue) { return !queue.has_thread && !queue.waiting.empty(); });
     if (next == queues_.end()) break;
     if (!Start(next, next->second.waiting.begin(), Place::kRunning)) return;
   }
-  // While a tenant waits for a place, no other one gets a second.
-  if (FindNext(Place::kRunning) != queues_.end()) return;
   while (used_.overlapping < places_.overlapping) {
-    const auto next = FindNext(Place::kOverlapping);
+    const auto next = FindNextOverlapping();
     if (next == queues_.end()) return;
     if (!Start(next, FirstOverlapping(next->second), Place::kOverlapping)) return;
   }

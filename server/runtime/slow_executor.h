@@ -19,6 +19,7 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/functional/any_invocable.h"
+#include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
 #include "core/base/yield_point.h"
 #include "server/runtime/out_of_memory.h"
@@ -47,7 +48,8 @@ enum class Overlap {
 
 // One queue for each tenant, which runs in order and one item at a time; the queues take turns. Because a tenant has at
 // most one running item, it leaves the other threads to the other tenants. Items with Overlap::kAny have further
-// threads, on which they begin only while no item of another tenant waits for its first thread. Thread-safe.
+// threads. On these a tenant with a running item begins another one only while each other tenant with items has a
+// running one, too. Thread-safe.
 class SlowExecutor {
  public:
   // Numbers of items that run at a time.
@@ -155,8 +157,10 @@ class SlowExecutor {
   // Starts the items that have a place, until no place is free or no queue has an item for it. If posting fails for
   // lack of memory, the next call of Dispatch() tries again.
   void Dispatch() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Returns the queue with the earliest turn and a waiting item for a place of this kind.
-  Queues::iterator FindNext(Place place) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Returns the queue with the earliest turn among those for which `has_item` is true.
+  Queues::iterator FindNext(absl::FunctionRef<bool(Queue&)> has_item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Returns the queue whose first overlapping item begins next.
+  Queues::iterator FindNextOverlapping() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static Items::iterator FirstOverlapping(Queue& queue);
   // Posts Run() for an item. Returns false if there is no memory.
   bool Start(Queues::iterator queue, Items::iterator item, Place place) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

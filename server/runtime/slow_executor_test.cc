@@ -226,6 +226,19 @@ class OverlappingItemsTest : public SlowExecutorTest {
     threads_.run();
     return during;
   }
+  // Does the same while items of mallory and alice have the two threads for all items.
+  std::vector<std::string> RunsBesideBoth(const std::function<void()>& post) {
+    std::vector<std::string> during;
+    RunsBeside([&] {
+      slow_.Post("alice", [&](const absl::Status&) {
+        post();
+        while (threads_.poll_one() > 0) {
+        }
+        during = ran_;
+      });
+    });
+    return during;
+  }
 
   SlowExecutor slow_{threads_.get_executor(), {.running = 2, .overlapping = 2}};
 };
@@ -254,19 +267,26 @@ TEST_F(OverlappingItemsTest, RunAtTheSameTimeUpToTheirNumber) {
 }
 
 TEST_F(OverlappingItemsTest, DoNotBeginWhileAnotherTenantWaits) {
-  std::vector<std::string> while_bob_waits;
-  const auto post = [&] {
-    slow_.Post("alice", [&](const absl::Status&) {
-      slow_.Post("bob", Note("b1"));  // mallory and alice have the two threads
-      PostOverlapping("mallory", "m1");
-      PostOverlapping("alice", "a1");
-      while (threads_.poll_one() > 0) {
-      }
-      while_bob_waits = ran_;
-    });
+  const auto post = [this] {
+    slow_.Post("bob", Note("b1"));
+    PostOverlapping("mallory", "m1");
+    PostOverlapping("alice", "a1");
   };
-  EXPECT_THAT(RunsBeside(post), ElementsAre("b1", "a1", "m1"));
-  EXPECT_THAT(while_bob_waits, IsEmpty());
+  EXPECT_THAT(RunsBesideBoth(post), IsEmpty());
+  EXPECT_THAT(ran_, ElementsAre("b1", "a1", "m1"));
+}
+
+TEST_F(OverlappingItemsTest, BeginBesideTheItemsOfOtherTenantsWhoseTenantHasNone) {
+  EXPECT_THAT(RunsBesideBoth([this] { PostOverlapping("bob", "b1"); }), ElementsAre("b1"));
+}
+
+TEST_F(OverlappingItemsTest, EachTenantHasOneBeforeAnotherOneHasTwo) {
+  const auto post = [this] {
+    for (const char* const name : {"m1", "m2"}) PostOverlapping("mallory", name);  // they have the further threads
+    PostOverlapping("alice", "a1");
+    PostOverlapping("bob", "b1");
+  };
+  EXPECT_THAT(RunsBesideBoth(post), ElementsAre("m1", "m2", "b1", "a1"));
 }
 
 TEST_F(OverlappingItemsTest, LeaveTheThreadsToTheOtherTenants) {
