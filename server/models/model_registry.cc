@@ -288,6 +288,7 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelReco
     EVPOSE_ASSIGN_OR_RETURN(ObjectModel model, DecodePreparedModel(record.prepared));
     return std::make_shared<const ObjectModel>(std::move(model));
   }
+  SlowExecutor::LeavePlaceToWait();  // for the seconds of the preparation
   auto model = Prepare(record, SlowExecutor::Running());
   if (absl::IsInvalidArgument(model.status())) {
     return absl::DataLossError(absl::StrCat(record.name, " cannot be loaded: ", model.status().message()));

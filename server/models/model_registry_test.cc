@@ -132,6 +132,27 @@ TEST_F(ModelRegistryTest, AModelOfAnotherVersionIsPreparedOnceMore) {
   EXPECT_EQ(preparer_->count, 2) << "the store has the new result";
 }
 
+TEST_F(ModelRegistryTest, WhileASessionWaitsForAPreparationItemsOfOtherTenantsBegin) {
+  const std::string name = Open()->Upload("lab", {}, "", CubeFile())->name;
+  ModelRecord record = store_->ReadModel("lab", name).value();
+  record.summary.clear();  // of another version
+  ASSERT_TRUE(store_->PutModel(record).ok());
+  const auto registry = Open();
+  boost::asio::io_context threads;
+  SlowExecutor slow(threads.get_executor(), {.running = 1, .long_items = 1});
+  bool has_other_run = false, has_run_meanwhile = false;
+  slow.Post("lab", [&](const absl::Status&) {
+    slow.Post("other", [&](const absl::Status&) { has_other_run = true; });
+    preparer_->while_preparing = [&] {
+      threads.poll_one();  // as another thread would
+      has_run_meanwhile = has_other_run;
+    };
+    EXPECT_TRUE(registry->UseStored("lab", name).ok());
+  });
+  threads.run();
+  EXPECT_TRUE(has_run_meanwhile);
+}
+
 TEST_F(ModelRegistryTest, SessionsThatBeginAtTheSameTimeLoadTheirModelOnce) {
   ModelRecord record = store_->ReadModel("lab", Open()->Upload("lab", {}, "", CubeFile())->name).value();
   record.summary.clear();  // of another version

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "server/runtime/slow_executor.h"
 
 namespace evpose::server {
 
@@ -25,10 +26,13 @@ class KeyedMutexes {
   // Keeps the mutex of a key locked until it is destroyed. It may outlive the KeyedMutexes.
   using Lock = std::unique_ptr<std::mutex, Unlock>;
 
-  // Waits until no other lock of the key exists.
+  // Waits until no other lock of the key exists. An item of slow work that waits delays no item of another tenant.
   [[nodiscard]] Lock LockKey(const Key& key) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     std::shared_ptr<std::mutex> mutex = MutexOf(key);
-    mutex->lock();
+    if (!mutex->try_lock()) {
+      SlowExecutor::LeavePlaceToWait();
+      mutex->lock();
+    }
     std::mutex* const locked = mutex.get();
     return Lock(locked, Unlock{std::move(mutex)});
   }

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <boost/asio/thread_pool.hpp>
+#include <latch>
 #include <optional>
 #include <string>
 #include <thread>
@@ -40,6 +42,27 @@ TEST(KeyedMutexesTest, ALockThatIsReplacedIsReleased) {
   auto lock = mutexes.LockKey(1);
   lock = mutexes.LockKey(2);
   const auto again = mutexes.LockKey(1);  // would wait for ever
+}
+
+TEST(KeyedMutexesTest, AnItemOfSlowWorkThatWaitsDelaysNoOtherTenant) {
+  KeyedMutexes<int> mutexes;
+  boost::asio::thread_pool threads(2);
+  SlowExecutor slow(threads.get_executor(), {.running = 1, .long_items = 1});
+  std::vector<std::string> order;  // not atomic: the mutex protects it
+  auto lock = mutexes.LockKey(1);
+  slow.Post("mallory", [&](const absl::Status&) {
+    const auto again = mutexes.LockKey(1);
+    order.emplace_back("mallory");
+  });
+  std::latch has_alice_run(1);
+  slow.Post("alice", [&](const absl::Status&) {
+    order.emplace_back("alice");
+    has_alice_run.count_down();
+  });
+  has_alice_run.wait();  // would wait for ever if mallory kept its place
+  lock.reset();
+  threads.join();
+  EXPECT_EQ(order, std::vector<std::string>({"alice", "mallory"}));
 }
 
 TEST(KeyedMutexesTest, ALockMayOutliveItsMutexes) {

@@ -44,8 +44,12 @@ void SlowExecutor::RunningItem::Yield() {
   if (place_ != Place::kRunning) return;
   const auto now = std::chrono::steady_clock::now();
   if (now < long_at_) return;
-  if (executor_.LeavePlace()) place_ = Place::kLong;
+  LeavePlace();
   long_at_ = now + kLongItem;
+}
+
+void SlowExecutor::RunningItem::LeavePlace() {
+  if (place_ == Place::kRunning && executor_.LeavePlace()) place_ = Place::kLong;
 }
 
 void SlowExecutor::Post(const std::string& tenant, Work work, std::shared_ptr<Cancellation> cancellation,

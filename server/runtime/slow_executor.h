@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Fair execution of work that takes milliseconds to seconds, such as waiting for the store or preparing a model: no
-// tenant delays another one by more than the rest of the items that are running, and an item that computes for long
-// delays none.
+// tenant delays another one by more than the rest of the items that are running, and an item that computes for long, or
+// waits for another item, delays none.
 #pragma once
 
 #include <atomic>
@@ -55,7 +55,7 @@ class SlowExecutor {
   // Numbers of items that run at a time.
   struct Places {
     int running = 1;      // at most one for each tenant
-    int long_items = 0;   // beside them: those that compute for long in OrCancelled(), so that they delay no others
+    int long_items = 0;   // beside them: those that compute for long in OrCancelled(), and LeavePlaceToWait()
     int overlapping = 0;  // beside them: those with Overlap::kAny
   };
 
@@ -111,6 +111,13 @@ class SlowExecutor {
     }
   }
 
+  // To be called before the item that runs on the present thread waits for another item or for a process: the next item
+  // of another tenant begins meanwhile, as beside an item that has taken kLongItem. Does nothing on a thread that runs
+  // no item, and when there are as many long items as permitted.
+  static void LeavePlaceToWait() {
+    if (running_ != nullptr) running_->LeavePlace();
+  }
+
   // Longer than the creation of most sessions, and short against a person's patience.
   static constexpr std::chrono::milliseconds kLongItem{50};
 
@@ -130,6 +137,7 @@ class SlowExecutor {
     RunningItem& operator=(const RunningItem&) = delete;
 
     void Yield() override;
+    void LeavePlace();
     const Cancellation& cancellation() const { return *cancellation_; }
     Place place() const { return place_; }
 

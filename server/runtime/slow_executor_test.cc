@@ -178,6 +178,29 @@ TEST_F(SlowExecutorTest, AnItemThatTakesLongLetsAnotherTenantsItemBegin) {
   EXPECT_THAT(ran_, ElementsAre("alice", "mallory", "mallory again"));
 }
 
+TEST_F(SlowExecutorTest, AnItemThatWaitsLetsAnotherTenantsItemBegin) {
+  SlowExecutor::LeavePlaceToWait();  // has no effect outside an item
+  SlowExecutor slow(threads_.get_executor(), {.running = 1, .long_items = 1});
+  const auto ran_while_waiting = [&] {
+    SlowExecutor::LeavePlaceToWait();
+    while (threads_.poll_one() > 0) {  // as other threads would
+    }
+    return ran_;
+  };
+  slow.Post("mallory", [&](const absl::Status&) {
+    EXPECT_THAT(ran_while_waiting(), ElementsAre("alice", "bob"));
+    EXPECT_THAT(ran_while_waiting(), ElementsAre("alice", "bob")) << "it has left its place once";
+  });
+  slow.Post("mallory", Note("mallory again"));
+  slow.Post("alice", [&](const absl::Status&) {
+    EXPECT_THAT(ran_while_waiting(), IsEmpty()) << "the place for a long item is taken";
+    ran_.emplace_back("alice");
+  });
+  slow.Post("bob", Note("bob"));
+  threads_.run();
+  EXPECT_THAT(ran_, ElementsAre("alice", "bob", "mallory again"));
+}
+
 TEST_F(SlowExecutorTest, NoMoreItemsTakeLongThanArePermitted) {
   SlowExecutor slow(threads_.get_executor(), {.running = 1, .long_items = 1});
   std::vector<std::string> during;
