@@ -60,6 +60,7 @@ void SlowExecutor::Post(const std::string& tenant, Work work, std::shared_ptr<Ca
   Queue& queue = queues_[tenant];
   if (queue.waiting.empty() && queue.running.empty()) queue.turn = ++last_turn_;
   queue.waiting.push_back(std::move(item));
+  queue.num_overlapping += Overlaps(queue.waiting.back());
   Dispatch();
 }
 
@@ -79,12 +80,12 @@ void SlowExecutor::Stop() {
     }
     for (Item& item : queue.waiting) Reject(std::move(item.work));
     queue.waiting.clear();
+    queue.num_overlapping = 0;
   }
 }
 
 SlowExecutor::Items::iterator SlowExecutor::FirstOverlapping(Queue& queue) {
-  return std::find_if(queue.waiting.begin(), queue.waiting.end(),
-                      [](const Item& item) { return item.overlap == Overlap::kAny; });
+  return std::find_if(queue.waiting.begin(), queue.waiting.end(), Overlaps);
 }
 
 SlowExecutor::Queues::iterator SlowExecutor::FindNext(absl::FunctionRef<bool(Queue&)> has_item) {
@@ -97,8 +98,9 @@ SlowExecutor::Queues::iterator SlowExecutor::FindNext(absl::FunctionRef<bool(Que
 }
 
 SlowExecutor::Queues::iterator SlowExecutor::FindNextOverlapping() {
-  const auto overlaps = [](Queue& queue) { return FirstOverlapping(queue) != queue.waiting.end(); };
-  const auto has_none_running = [](Queue& queue) { return queue.running.empty(); };
+  // The number is kept, because a tenant may have thousands of waiting items, and each Dispatch() visits all queues.
+  const auto overlaps = [](Queue& queue) { return queue.num_overlapping > 0; };
+  const auto has_none_running = [](Queue& queue) { return queue.running.empty() && !queue.waiting.empty(); };
   // A tenant without a running item is first. While there is one, no other tenant gets a further item.
   const auto next = FindNext([&](Queue& queue) { return has_none_running(queue) && overlaps(queue); });
   if (next != queues_.end() || FindNext(has_none_running) != queues_.end()) return next;
@@ -124,6 +126,7 @@ bool SlowExecutor::Start(Queues::iterator queue, Items::iterator item, Place pla
     return absl::OkStatus();
   });
   if (!posted.ok()) return false;
+  queue->second.num_overlapping -= Overlaps(*item);
   queue->second.running.splice(queue->second.running.end(), queue->second.waiting, item);
   queue->second.has_thread |= place == Place::kRunning;
   queue->second.turn = ++last_turn_;

@@ -156,8 +156,9 @@ class SlowExecutor {
   using Items = std::list<Item>;
   struct Queue {
     Items waiting;
-    Items running;            // with those that are about to
-    bool has_thread = false;  // one of them has, or had, the tenant's place; the others overlap
+    size_t num_overlapping = 0;  // of those that wait, with Overlap::kAny
+    Items running;               // with those that are about to
+    bool has_thread = false;     // one of them has, or had, the tenant's place; the others overlap
     uint64_t turn = 0;
   };
   using Queues = std::map<std::string, Queue>;
@@ -170,6 +171,7 @@ class SlowExecutor {
   // Returns the queue whose first overlapping item begins next.
   Queues::iterator FindNextOverlapping() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static Items::iterator FirstOverlapping(Queue& queue);
+  static bool Overlaps(const Item& item) { return item.overlap == Overlap::kAny; }
   // Posts Run() for an item. Returns false if there is no memory.
   bool Start(Queues::iterator queue, Items::iterator item, Place place) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // The work of the item that is about to run; null if Stop() has rejected it.

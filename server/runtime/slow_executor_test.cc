@@ -11,6 +11,7 @@
 #include "gtest/gtest.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/failing_allocations_testing.h"
+#include "server/scheduling/fair_scheduler.h"
 
 namespace evpose::server {
 namespace {
@@ -327,6 +328,18 @@ TEST_F(OverlappingItemsTest, LeaveTheThreadsToTheOtherTenants) {
   };
   RunsBeside([&] { slow_.Post("mallory", beside, std::make_shared<Cancellation>(), Overlap::kAny); });
   EXPECT_THAT(during, ElementsAre("a1")) << "three items of mallory run";
+}
+
+TEST_F(OverlappingItemsTest, APostDoesNotVisitTheWaitingItems) {
+  const auto time_of_posts = [this](int count) {
+    const auto begin = FairScheduler::ThreadCpuTime();
+    for (int i = 0; i < count; ++i) Post("alice", "a");
+    return FairScheduler::ThreadCpuTime() - begin;
+  };
+  time_of_posts(1000);
+  const auto few_wait = time_of_posts(1000);
+  time_of_posts(30'000);
+  EXPECT_LT(time_of_posts(1000), 10 * few_wait) << "about 30 times as long if each waiting item is visited";
 }
 
 TEST_F(OverlappingItemsTest, StopEndsAllOfThem) {
