@@ -285,19 +285,15 @@ std::set<std::string> SessionManager::NamesHere(const std::string& tenant, absl:
 }
 
 absl::Status SessionManager::Delete(const std::string& tenant, const std::string& name, const std::string& peer) {
-  const auto remove = [&] {
+  // Until the store has deleted the session, a stream that attaches would resume it from there.
+  const SessionLock session_lock = session_mutexes_.LockKey(name);
+  Entry removed;
+  {
     const std::lock_guard lock(mutex_);
     const auto found = sessions_.find(name);
-    return found != sessions_.end() && found->second.tenant() == tenant ? Remove(found) : Entry();
-  };
-  Entry removed = remove();
-  if (removed.session == nullptr) {
-    // The mutex is held so that the session is not restored at the same time; it may have been restored while this call
-    // waited.
-    const SessionLock session_lock = session_mutexes_.LockKey(name);
-    removed = remove();
-    if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
+    if (found != sessions_.end() && found->second.tenant() == tenant) removed = Remove(found);
   }
+  if (removed.session == nullptr) return DeleteStored(tenant, name, peer);
   removed.session->log().Deleted(peer, "request", CloseRemoved(removed, "was deleted"));
   return FromStore(store_.DeleteSession(name));
 }

@@ -157,6 +157,7 @@ class SessionManager {
   // Reads a session of this tenant from the store, with its poses after `after_pose_seq`. Errors: as Describe.
   absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name,
                                                  uint64_t after_pose_seq = kNoPoses) const;
+  // Deletes a session that this server does not have. It must be locked, so that it is not resumed at the same time.
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   // If `slot_of` is not null, a slot of this tenant is reserved for the session; it is released in any case.
   absl::StatusOr<std::shared_ptr<Session>> Resume(const std::string& name, const std::string* slot_of = nullptr);
@@ -183,7 +184,7 @@ class SessionManager {
   const SessionFactory factory_;
   OrphanCollector orphans_;  // used by the server's own slow work only, which runs one item at a time
   // These are locked before mutex_, in this order: by request while a session is created for it, and by name while a
-  // session is resumed or deleted in the store, until it is in sessions_.
+  // session is resumed or deleted: until it is in sessions_, or is not in the store any more.
   KeyedMutexes<Request> request_mutexes_;
   KeyedMutexes<std::string> session_mutexes_;
   mutable std::mutex mutex_;

@@ -11,6 +11,7 @@
 #include <thread>
 #include <utility>
 
+#include "server/runtime/slow_work_beside_testing.h"
 #include "server/sessions/session_restore_testing.h"
 #include "server/telemetry/log_testing.h"
 
@@ -227,7 +228,7 @@ TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
   Kill(two);
 }
 
-// A store that lets a test act while a session is taken, or after the session of a request has been found.
+// A store that lets a test act while a session is taken or deleted, or after the session of a request has been found.
 class StoreThatTakes : public FaultInjectingStore {
  public:
   using FaultInjectingStore::FaultInjectingStore;
@@ -240,7 +241,11 @@ class StoreThatTakes : public FaultInjectingStore {
     if (after_finding) std::exchange(after_finding, nullptr)();
     return record;
   }
-  std::function<void()> while_taking;
+  absl::Status DeleteSession(absl::string_view name) override {
+    if (while_deleting) std::exchange(while_deleting, nullptr)();
+    return FaultInjectingStore::DeleteSession(name);
+  }
+  std::function<void()> while_taking, while_deleting;
   mutable std::function<void()> after_finding;
 };
 
@@ -320,6 +325,23 @@ TEST_F(SessionRestoreTest, ARepeatedRequestFindsTheSessionThatAStreamHasResumedM
   EXPECT_EQ(two->num_sessions(), 1u);
   Kill(one);
   Kill(two);
+}
+
+TEST_F(SessionRestoreTest, AStreamThatAttachesDuringADeletionFindsNoSession) {
+  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  Server server = Open(/*shares_store=*/true, store);
+  const auto session = Create(server);
+  SlowWorkBeside stream;
+  absl::Status attached;
+  store.while_deleting = [&] {
+    stream.BeginUntilItWaits(
+        [&] { attached = server->ResumeForAttach(kTenant, session->name(), session->resume_token()).status(); });
+  };
+  EXPECT_TRUE(server->Delete(kTenant, session->name()).ok());
+  stream.Join();
+  EXPECT_EQ(ReasonOf(attached), "SESSION_NOT_FOUND") << attached;
+  EXPECT_EQ(server->num_sessions(), 0u);
+  Kill(server);
 }
 
 TEST_F(SessionRestoreTest, FlushAllWaitsUntilEverythingIsDurable) {
