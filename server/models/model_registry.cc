@@ -263,7 +263,8 @@ absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, abs
   absl::StatusOr<ModelUse> use = FindStored(key, record);
   if (!use.ok()) return for_caller(use.status());
   if (use->model != nullptr) return use;
-  const auto loading = loading_.LockKey(key);  // sessions that begin at the same time load it once
+  const auto loading = loading_.LockKey(key);                // sessions that begin at the same time load it once
+  EVPOSE_RETURN_IF_ERROR(SlowExecutor::Running().status());  // the call may have ended during the wait
   use = Use(tenant, name);
   if (!use.ok() || use->model != nullptr) return use;
   if (!record.has_value()) {

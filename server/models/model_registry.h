@@ -105,7 +105,7 @@ class ModelRegistry {
   // Does the same as Use(), and also finds a model that another server has added to the store, and loads the model.
   // Waits for the store. A model that another version of the preparation derived is prepared again, which takes
   // seconds. Errors: those of Use(); DATA_LOSS if the model is damaged or cannot be prepared; the status of
-  // SlowExecutor::Running() if that ends the preparation; those of the store.
+  // SlowExecutor::Running() if that ends the preparation, or while another session loads the model; those of the store.
   absl::StatusOr<ModelUse> UseStored(const std::string& tenant, absl::string_view name);
   // Tenant and name of the models that another version of the preparation derived.
   std::vector<std::pair<std::string, std::string>> Outdated() const;

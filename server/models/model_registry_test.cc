@@ -14,6 +14,7 @@
 #include "gtest/gtest.h"
 #include "server/models/prepared_model.h"
 #include "server/runtime/errors.h"
+#include "server/runtime/slow_work_beside_testing.h"
 #include "server/stores/memory/memory_store.h"
 
 namespace evpose::server {
@@ -40,6 +41,15 @@ class ModelRegistryTest : public testing::Test {
   static std::shared_ptr<const std::vector<uint8_t>> CubeFile() {
     const std::string obj = Cube();
     return std::make_shared<const std::vector<uint8_t>>(obj.begin(), obj.end());
+  }
+
+  // Stores a model that another version has prepared. Returns its name.
+  std::string StoreOutdated() {
+    ModelRecord record = store_->ReadModel("lab", Open()->Upload("lab", {}, "", CubeFile())->name).value();
+    record.summary.clear();
+    record.prepared.clear();
+    EXPECT_TRUE(store_->PutModel(record).ok());
+    return record.name;
   }
 
   const std::shared_ptr<CountingPreparer> preparer_ = std::make_shared<CountingPreparer>();
@@ -116,11 +126,7 @@ TEST_F(ModelRegistryTest, AModelIsReleasedWithItsLastSession) {
 }
 
 TEST_F(ModelRegistryTest, AModelOfAnotherVersionIsPreparedOnceMore) {
-  const std::string name = Open()->Upload("lab", {}, "", CubeFile()).value().name;
-  ModelRecord record = store_->ReadModel("lab", name).value();
-  record.summary.clear();
-  record.prepared.clear();
-  ASSERT_TRUE(store_->PutModel(record).ok());
+  const std::string name = StoreOutdated();
   const auto restarted = Open();
   EXPECT_THAT(restarted->Outdated(), testing::ElementsAre(std::pair(std::string("lab"), name)));
   EXPECT_EQ(restarted->Get("lab", name)->size_bytes, CubeFile()->size());
@@ -133,10 +139,7 @@ TEST_F(ModelRegistryTest, AModelOfAnotherVersionIsPreparedOnceMore) {
 }
 
 TEST_F(ModelRegistryTest, WhileASessionWaitsForAPreparationItemsOfOtherTenantsBegin) {
-  const std::string name = Open()->Upload("lab", {}, "", CubeFile())->name;
-  ModelRecord record = store_->ReadModel("lab", name).value();
-  record.summary.clear();  // of another version
-  ASSERT_TRUE(store_->PutModel(record).ok());
+  const std::string name = StoreOutdated();
   const auto registry = Open();
   boost::asio::io_context threads;
   SlowExecutor slow(threads.get_executor(), {.running = 1, .long_items = 1});
@@ -154,27 +157,31 @@ TEST_F(ModelRegistryTest, WhileASessionWaitsForAPreparationItemsOfOtherTenantsBe
 }
 
 TEST_F(ModelRegistryTest, SessionsThatBeginAtTheSameTimeLoadTheirModelOnce) {
-  ModelRecord record = store_->ReadModel("lab", Open()->Upload("lab", {}, "", CubeFile())->name).value();
-  record.summary.clear();  // of another version
-  ASSERT_TRUE(store_->PutModel(record).ok());
+  const std::string name = StoreOutdated();
   const auto registry = Open();
-  const auto use = [&] { return registry->UseStored("lab", record.name).value().model; };
-  std::shared_ptr<const ObjectModel> second;
-  std::thread other;
-  std::atomic<bool> has_begun = false;
+  absl::StatusOr<ModelUse> second;
+  SlowWorkBeside other;
   preparer_->count = 0;
-  preparer_->while_preparing = [&] {
-    other = std::thread([&] {
-      has_begun = true;
-      second = use();
-    });
-    while (!has_begun) std::this_thread::yield();
-    for (int turn = 0; turn < 20; ++turn) std::this_thread::yield();  // the other one needs the model meanwhile
-  };
-  const auto first = use();
-  other.join();
-  EXPECT_EQ(second, first);
+  preparer_->while_preparing = [&] { other.BeginUntilItWaits([&] { second = registry->UseStored("lab", name); }); };
+  const auto first = registry->UseStored("lab", name);
+  other.Join();
+  EXPECT_EQ(second->model, first->model);
   EXPECT_EQ(preparer_->count, 1);
+}
+
+TEST_F(ModelRegistryTest, ASessionThatWaitedForItsModelEndsWithItsCall) {
+  const std::string name = StoreOutdated();
+  const auto registry = Open();
+  absl::Status waited;
+  SlowWorkBeside other;
+  const auto cancellation = std::make_shared<Cancellation>();
+  preparer_->while_preparing = [&] {
+    other.BeginUntilItWaits([&] { waited = registry->UseStored("lab", name).status(); }, cancellation);
+    cancellation->Cancel();
+  };
+  EXPECT_TRUE(registry->UseStored("lab", name).ok());
+  other.Join();
+  EXPECT_TRUE(absl::IsCancelled(waited)) << waited;
 }
 
 TEST_F(ModelRegistryTest, AFailedPreparationLeavesNothing) {

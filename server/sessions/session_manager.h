@@ -83,7 +83,8 @@ class SessionManager {
   // Does the same as FindForAttach(), and resumes the session from the store when this server does not hold it, or has
   // closed it (because another server fenced it, or the store was full). Waits for the store. Errors: NOT_FOUND
   // (SESSION_NOT_FOUND), PERMISSION_DENIED (WRONG_TOKEN), DATA_LOSS (SESSION_DAMAGED), RESOURCE_EXHAUSTED
-  // (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (STORE_UNAVAILABLE, DRAINING).
+  // (TOO_MANY_SESSIONS, TENANT_QUOTA), UNAVAILABLE (STORE_UNAVAILABLE, DRAINING), the status of
+  // SlowExecutor::Running() if the call ends while another one resumes the session.
   absl::StatusOr<std::shared_ptr<Session>> ResumeForAttach(const std::string& tenant, const std::string& name,
                                                            absl::string_view resume_token);
   // The next three functions include the sessions of other servers, and wait for the store where they need it.

@@ -74,6 +74,9 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
   EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
   RestoreIfWaiting(tenant, name);
   const SessionLock session_lock = session_mutexes_.LockKey(name);
+  // During the wait the server may have begun to shut down, or the call may have ended: nobody needs the session then.
+  EVPOSE_RETURN_IF_ERROR(CheckNotDraining());
+  EVPOSE_RETURN_IF_ERROR(SlowExecutor::Running().status());
   std::shared_ptr<Session> here = FindOpen(tenant, name);
   if (here != nullptr && here->IsTokenValid(resume_token)) return here;
   if (here != nullptr && !options_.shares_store) return WrongToken(name);

@@ -4,11 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <functional>
-#include <future>
 #include <memory>
-#include <thread>
 #include <utility>
 
 #include "server/runtime/slow_work_beside_testing.h"
@@ -294,21 +291,42 @@ TEST_F(SessionRestoreTest, ASessionIsResumedOnceByStreamsThatAttachAtTheSameTime
   StoreThatTakes store(store_, std::make_shared<InjectedFault>());
   Server two = Open(/*shares_store=*/true, store);
   const auto take = [&] { return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value(); };
-  std::future<std::shared_ptr<Session>> other;
-  std::atomic<bool> has_begun = false;
-  store.while_taking = [&] {
-    other = std::async(std::launch::async, [&] {
-      has_begun = true;
-      return take();
-    });
-    while (!has_begun) std::this_thread::yield();
-    for (int turn = 0; turn < 20; ++turn) std::this_thread::yield();  // the other stream attaches meanwhile
-  };
+  std::shared_ptr<Session> other;
+  SlowWorkBeside stream;
+  store.while_taking = [&] { stream.BeginUntilItWaits([&] { other = take(); }); };
   const auto taken = take();
-  EXPECT_EQ(other.get(), taken);
+  stream.Join();
+  EXPECT_EQ(other, taken);
   EXPECT_TRUE(taken->Watch().status.ok());
   Kill(one);
   Kill(two);
+}
+
+TEST_F(SessionRestoreTest, AStreamThatWaitedForASessionEndsWithItsCallAndWithTheServer) {
+  Server one = Open(/*shares_store=*/true);
+  const auto session = Create(one);
+  // Returns the status of a stream that waits while another one resumes the session, and after `meanwhile`.
+  const auto status_after = [&](const std::function<void(Server&, Cancellation&)>& meanwhile) {
+    StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+    Server two = Open(/*shares_store=*/true, store);
+    const auto take = [&] { return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).status(); };
+    absl::Status waited;
+    SlowWorkBeside stream;
+    const auto cancellation = std::make_shared<Cancellation>();
+    store.while_taking = [&] {
+      stream.BeginUntilItWaits([&] { waited = take(); }, cancellation);
+      meanwhile(two, *cancellation);
+    };
+    EXPECT_TRUE(take().ok());
+    stream.Join();
+    Kill(two);
+    return waited;
+  };
+  const auto nothing = [](Server&, Cancellation&) {};
+  EXPECT_TRUE(status_after(nothing).ok());
+  EXPECT_TRUE(absl::IsCancelled(status_after([](Server&, Cancellation& call) { call.Cancel(); })));
+  EXPECT_EQ(ReasonOf(status_after([](Server& server, Cancellation&) { server->Drain(); })), "DRAINING");
+  Kill(one);
 }
 
 TEST_F(SessionRestoreTest, ARepeatedRequestFindsTheSessionThatAStreamHasResumedMeanwhile) {
