@@ -2,7 +2,7 @@
 
 // Places in long computations where a thread may be paused in favour of other work. A pause changes no result: the
 // computation continues on the same thread with the same state. No lock that other work may need is held at such a
-// place.
+// place, unless the yielder of the thread only goes on or ends the work by an exception, and never pauses the thread.
 #pragma once
 
 #include <chrono>

@@ -99,7 +99,8 @@ class SlowExecutor {
   // Returns what `work` returns, a status or absl::StatusOr. When the item that runs on the present thread is
   // cancelled, the work ends at its next yield point (core/base/yield_point.h), and the status of the cancellation is
   // returned. An item that has taken kLongItem lets the next item of another tenant begin. Everything that `work`
-  // changes must be released by destructors, or must not be used afterwards; no lock that other items need is held.
+  // changes must be released by destructors, or must not be used afterwards. The work is never paused, so that it may
+  // hold a lock for which other items wait (WeakCache::Get()); its destructor releases the lock.
   template <typename Work>
   static auto OrCancelled(Work&& work) -> decltype(work()) {
     if (running_ == nullptr) return std::forward<Work>(work)();

@@ -21,7 +21,8 @@ class WeakCache {
  public:
   // Returns the value of `key`. When no caller holds it, `make()` creates it; `make` returns
   // absl::StatusOr<std::shared_ptr<const Value>>. Calls for the same key wait while one of them creates the value; if
-  // that fails, the next one tries. Errors: those of `make`.
+  // that fails, the next one tries. Must not be called in a turn of a session (FairScheduler), which may be paused at a
+  // yield point of `make` while others wait; SlowExecutor::OrCancelled() never pauses. Errors: those of `make`.
   template <typename Make>
   absl::StatusOr<std::shared_ptr<const Value>> Get(const Key& key, const Make& make) {
     if (auto value = Find(key); value != nullptr) return value;
