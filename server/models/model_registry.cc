@@ -217,11 +217,16 @@ absl::StatusOr<ModelInfo> ModelRegistry::Upload(const std::string& tenant, const
 
 absl::Status ModelRegistry::CheckStored(const std::string& tenant, const std::string& name) {
   if (!options_.shares_store) return absl::OkStatus();
-  const std::lock_guard store_lock(store_mutex_);
-  const absl::Status status = store_.ReadModel(tenant, name).status();
-  if (!absl::IsNotFound(status)) return FromStore(status);
-  Forget(Key(tenant, name));
-  return ModelNotFound(name);
+  absl::StatusOr<bool> is_stored = store_.HasModel(tenant, name);
+  if (is_stored.ok() && !*is_stored) {
+    const std::lock_guard store_lock(store_mutex_);
+    is_stored = store_.HasModel(tenant, name);  // this server may have stored it since then
+    if (is_stored.ok() && !*is_stored) {
+      Forget(Key(tenant, name));
+      return ModelNotFound(name);
+    }
+  }
+  return FromStore(is_stored.status());
 }
 
 void ModelRegistry::Forget(const Key& key) {
@@ -297,7 +302,7 @@ absl::StatusOr<std::shared_ptr<const ObjectModel>> ModelRegistry::Load(ModelReco
   EVPOSE_RETURN_IF_ERROR(model.status());
   const std::lock_guard store_lock(store_mutex_);
   // Another server may have deleted the model during the preparation; to store it would restore it.
-  if (options_.shares_store && absl::IsNotFound(store_.ReadModel(record.tenant, record.name).status())) return model;
+  if (options_.shares_store && !store_.HasModel(record.tenant, record.name).value_or(true)) return model;
   const absl::Status kept = store_.PutModel(record);
   if (!kept.ok())
     Log(LogLevel::kWarning, "prepared_model_not_stored", {{"model", record.name}, {"message", kept.message()}});
@@ -353,9 +358,9 @@ absl::Status ModelRegistry::DeleteStored(const Key& key, bool was_here) {
   const auto& [tenant, name] = key;
   if (!was_here) {
     // Another server has stored the model, or it could not be loaded; in both cases no session here uses it.
-    const absl::Status stored = store_.ReadModel(tenant, name).status();
-    if (absl::IsNotFound(stored)) return ModelNotFound(name);
-    if (!stored.ok() && !absl::IsDataLoss(stored)) return FromStore(stored);
+    const absl::StatusOr<bool> is_stored = store_.HasModel(tenant, name);
+    if (!is_stored.ok()) return FromStore(is_stored.status());
+    if (!*is_stored) return ModelNotFound(name);
   }
   EVPOSE_RETURN_IF_ERROR(CheckUnusedInStore(key));
   if (!options_.shares_store) return FromStore(store_.DeleteModel(tenant, name));

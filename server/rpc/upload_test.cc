@@ -117,29 +117,29 @@ TEST_F(UploadTest, RefusesAMeshWithItsFieldAndIndex) {
   EXPECT_THAT(status.error_message(), testing::HasSubstr("Mesh.triangles[7]: is 8, but there are 8 points"));
 }
 
-// A shared store with a function that is called on the thread that has read a model.
+// A shared store with a function that is called on the thread that has searched for a model.
 class StoreWithHook : public FaultInjectingStore {
  public:
-  explicit StoreWithHook(std::function<void()> on_read)
-      : FaultInjectingStore(MakeMemoryStore(), std::make_shared<InjectedFault>()), on_read_(std::move(on_read)) {}
-  absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
-    auto model = FaultInjectingStore::ReadModel(tenant, name);
-    on_read_();
-    return model;
+  explicit StoreWithHook(std::function<void()> on_search)
+      : FaultInjectingStore(MakeMemoryStore(), std::make_shared<InjectedFault>()), on_search_(std::move(on_search)) {}
+  absl::StatusOr<bool> HasModel(absl::string_view tenant, absl::string_view name) const override {
+    auto has_model = FaultInjectingStore::HasModel(tenant, name);
+    on_search_();
+    return has_model;
   }
 
  private:
-  const std::function<void()> on_read_;
+  const std::function<void()> on_search_;
 };
 
-// The second upload of a file, for which the server only reads its store.
+// The second upload of a file, for which the server only asks its store.
 class KnownFileTest : public RpcTest {
  protected:
   KnownFileTest() {
     ServerOptions options = Options();
     options.tenant.max_uploads = 1;
     server_ =
-        StartServer(options, FakeTrackers(gate_), std::make_unique<StoreWithHook>([this] { on_read_(); })).value();
+        StartServer(options, FakeTrackers(gate_), std::make_unique<StoreWithHook>([this] { on_search_(); })).value();
     Use(server_->InProcessChannel());
     UploadCube();
     const absl::string_view cube = kCubeObj;
@@ -152,22 +152,22 @@ class KnownFileTest : public RpcTest {
     return Describe(Upload({UploadHeader(100)}, &model));
   }
 
-  std::function<void()> on_read_ = [] {};
+  std::function<void()> on_search_ = [] {};
   std::vector<v1::UploadModelRequest> known_ = UploadRequests(kCubeObj);
 };
 
 TEST_F(KnownFileTest, WithoutMemoryForTheResponseTheCallEndsAndReleasesItsPlace) {
-  on_read_ = [] { ThisThreadsFailingAllocation().successes_before = 0; };
+  on_search_ = [] { ThisThreadsFailingAllocation().successes_before = 0; };
   v1::Model model;
   EXPECT_EQ(Describe(Upload(known_, &model)), "RESOURCE_EXHAUSTED OUT_OF_MEMORY");
-  on_read_ = [] {};
+  on_search_ = [] {};
   EXPECT_EQ(BeginUpload(), "INVALID_ARGUMENT header.size_bytes");
   EXPECT_EQ(Describe(Upload(known_, &model)), "OK");
 }
 
 TEST_F(KnownFileTest, ACancelledCallEndsWhileTheStoreDoesNotRespond) {
   std::promise<void> has_begun, may_end;
-  on_read_ = [&] {
+  on_search_ = [&] {
     has_begun.set_value();
     may_end.get_future().wait();
   };

@@ -154,16 +154,30 @@ TEST_F(SessionMoveTest, AModelThatASessionUsesElsewhereIsNotDeleted) {
   Kill(two);
 }
 
-// A store that lets a test act for another server just before a model is read.
+// A store that counts how often a model is read, and lets a test act before and after that.
 class StoreWithRace : public FaultInjectingStore {
  public:
   using FaultInjectingStore::FaultInjectingStore;
   absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
+    ++num_models_read;
     if (before_read_model) std::exchange(before_read_model, nullptr)();
-    return FaultInjectingStore::ReadModel(tenant, name);
+    auto model = FaultInjectingStore::ReadModel(tenant, name);
+    if (after_read_model) std::exchange(after_read_model, nullptr)();
+    return model;
   }
-  mutable std::function<void()> before_read_model;
+  mutable std::function<void()> before_read_model, after_read_model;
+  mutable int num_models_read = 0;
 };
+
+TEST_F(SessionMoveTest, AModelThatIsLoadedIsNotReadAgain) {
+  StoreWithRace store(store_, std::make_shared<InjectedFault>());
+  Server server = Open(/*shares_store=*/true, store);
+  const auto first = Create(server);
+  EXPECT_EQ(store.num_models_read, 1);
+  const auto second = Create(server);  // uploads the file again, and searches for the model in the store
+  EXPECT_EQ(store.num_models_read, 1);
+  Kill(server);
+}
 
 TEST_F(SessionMoveTest, AModelThatAnotherServerDeletedIsForgotten) {
   Server one = Open(/*shares_store=*/true);

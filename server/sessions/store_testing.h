@@ -100,6 +100,10 @@ class FaultInjectingStore : public Store {
     EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ReadModel(tenant, name);
   }
+  absl::StatusOr<bool> HasModel(absl::string_view tenant, absl::string_view name) const override {
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
+    return store_->HasModel(tenant, name);
+  }
   absl::Status PutModel(const ModelRecord& model) override {
     EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->PutModel(model);

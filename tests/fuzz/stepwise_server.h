@@ -72,6 +72,9 @@ class StepwiseStore : public server::Store {
   absl::StatusOr<server::ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const override {
     return models_->ReadModel(tenant, name);
   }
+  absl::StatusOr<bool> HasModel(absl::string_view tenant, absl::string_view name) const override {
+    return models_->HasModel(tenant, name);
+  }
   absl::Status PutModel(const server::ModelRecord& model) override { return models_->PutModel(model); }
   absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {
     return models_->DeleteModel(tenant, name);

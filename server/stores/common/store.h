@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The interface of a store of models, sessions and poses (server/stores/README.md). The rest of the server sees only
-// this interface. Each kind of store is one class, and all kinds pass store_suite_test.cc.
+// this interface. Each kind of store is one class, and all kinds pass the tests of store_fixtures_testing.h.
 #pragma once
 
 #include <cstdint>
@@ -218,6 +218,8 @@ class Store {
   virtual absl::StatusOr<std::vector<ModelRecord>> ListModels() const = 0;
   // Errors: NOT_FOUND, DATA_LOSS naming the model.
   virtual absl::StatusOr<ModelRecord> ReadModel(absl::string_view tenant, absl::string_view name) const = 0;
+  // Whether the model exists; true also for a damaged one. The time does not depend on the size of the model.
+  virtual absl::StatusOr<bool> HasModel(absl::string_view tenant, absl::string_view name) const = 0;
   // Adds a model, or replaces the tenant's model of this name.
   virtual absl::Status PutModel(const ModelRecord& model) = 0;
   // Returns OK also when the model does not exist.

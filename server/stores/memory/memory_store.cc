@@ -92,6 +92,11 @@ class MemoryStore : public Store {
     return found->second;
   }
 
+  absl::StatusOr<bool> HasModel(absl::string_view tenant, absl::string_view name) const override {
+    const std::lock_guard lock(mutex_);
+    return models_.contains(ModelKey(name, tenant));
+  }
+
   absl::Status PutModel(const ModelRecord& model) override {
     ModelRecord stored = model;
     stored.file_bytes = model.bytes->size();

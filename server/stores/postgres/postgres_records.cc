@@ -57,6 +57,8 @@ INSERT INTO evpose.models (name, tenant, header, bytes) VALUES ($1, $2, $3, $4)
 ON CONFLICT (name, tenant) DO UPDATE SET header = excluded.header, bytes = excluded.bytes)sql"};
 const PostgresStatement kPostgresReadModel = {"read_model", R"sql(
 SELECT header, bytes FROM evpose.models WHERE name = $1 AND tenant = $2)sql"};
+const PostgresStatement kPostgresHasModel = {"has_model", R"sql(
+SELECT name FROM evpose.models WHERE name = $1 AND tenant = $2)sql"};
 const PostgresStatement kPostgresDeleteModel = {"delete_model", R"sql(
 DELETE FROM evpose.models WHERE name = $1 AND tenant = $2)sql"};
 const PostgresStatement kPostgresListModels = {"list_models", R"sql(
@@ -115,6 +117,7 @@ std::vector<const PostgresStatement*> AllPostgresStatements() {
           &kPostgresLockEnded,
           &kPostgresPutModel,
           &kPostgresReadModel,
+          &kPostgresHasModel,
           &kPostgresDeleteModel,
           &kPostgresListModels,
           &kPostgresUsedBytes,

@@ -46,6 +46,7 @@ extern const PostgresStatement kPostgresLockEnded;      // $1 ended before this 
 
 extern const PostgresStatement kPostgresPutModel;     // $1 name, $2 tenant, $3 header, $4 bytes
 extern const PostgresStatement kPostgresReadModel;    // $1 name, $2 tenant: header, bytes
+extern const PostgresStatement kPostgresHasModel;     // $1 name, $2 tenant: a row if the model exists
 extern const PostgresStatement kPostgresDeleteModel;  // $1 name, $2 tenant
 extern const PostgresStatement kPostgresListModels;   // name, tenant, header, size of the bytes
 

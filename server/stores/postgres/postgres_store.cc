@@ -103,6 +103,12 @@ class PostgresStore : public Store {
     return model;
   }
 
+  absl::StatusOr<bool> HasModel(absl::string_view tenant, absl::string_view name) const override {
+    EVPOSE_ASSIGN_OR_RETURN(const auto rows,
+                            client().Call({{.statement = &kPostgresHasModel, .values = {name, tenant}}}));
+    return rows[0].size() > 0;
+  }
+
   absl::Status PutModel(const ModelRecord& model) override {
     const std::string header = EncodeModelHeader(model);
     const std::string bytes = EncodeModelBytes(model);

@@ -280,7 +280,8 @@ TEST_F(PostgresStoreFixture, CallsUseIndexes) {
       "convert_to('r' || i, 'UTF8'), '', '', i FROM generate_series(1, 20000) i; INSERT INTO evpose.leases SELECT "
       "name, "
       "1, '', 0, 1, 1, lifecycle_write, 1, NULL FROM evpose.sessions; INSERT INTO evpose.poses SELECT name, n, n, '' "
-      "FROM evpose.sessions, generate_series(1, 3) n; ANALYZE");
+      "FROM evpose.sessions, generate_series(1, 3) n; INSERT INTO evpose.models SELECT convert_to('m' || i, 'UTF8'), "
+      "convert_to('t' || i % 100, 'UTF8'), '', '' FROM generate_series(1, 20000) i; ANALYZE");
   const std::pair<const PostgresStatement*, const char*> cases[] = {
       {&kPostgresLock, "'s7'"},
       {&kPostgresReadSession, "'s7'"},
@@ -289,6 +290,7 @@ TEST_F(PostgresStoreFixture, CallsUseIndexes) {
       {&kPostgresListSessions, "'t7', 's7', 50"},
       {&kPostgresFindRequest, "'t7', 'r7'"},
       {&kPostgresOldestLifecycles, "100, 50"},
+      {&kPostgresHasModel, "'m7', 't7'"},
       {&kPostgresLockEnded, "100, 50"},
       {&kPostgresTake, "'s7', 'holder'"},
       {&kPostgresDeletePoses, "'s7'"},

@@ -66,6 +66,13 @@ absl::StatusOr<ModelRecord> RedisModels::Read(const std::string& member) const {
   return model;
 }
 
+absl::StatusOr<bool> RedisModels::Has(const std::string& member) const {
+  EVPOSE_ASSIGN_OR_RETURN(
+      const RedisReply reply,
+      groups_.Call(ReadBucket(RedisBucketOf(member), {"HEXISTS", RedisModelKey(member), "header"})));
+  return reply->integer == 1;
+}
+
 absl::Status RedisModels::Put(const ModelRecord& model) {
   const std::string member = RedisModelMember(model.tenant, model.name);
   return groups_.Call(OnModel(kRedisPutModel, member, {member, EncodeModelHeader(model), EncodeModelBytes(model)}))

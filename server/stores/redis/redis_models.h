@@ -22,6 +22,7 @@ class RedisModels {
   // NAME\nTENANT of all models, sorted, without those of groups that do not respond.
   absl::StatusOr<std::vector<std::string>> Members() const;
   absl::StatusOr<ModelRecord> Read(const std::string& member) const;
+  absl::StatusOr<bool> Has(const std::string& member) const;
   // Returns all models except those of groups that do not respond.
   absl::StatusOr<std::vector<ModelRecord>> List() const;
   absl::Status Put(const ModelRecord& model);

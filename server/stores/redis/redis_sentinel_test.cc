@@ -264,10 +264,10 @@ TEST_F(RedisSentinelFixture, AMasterThatBecomesAReplicaIsLeft) {
 }
 
 // Commits in a thread until it is told to stop, and repeats a commit that ends with UNAVAILABLE, as a session does.
-class Committer {
+class BackgroundCommitter {
  public:
-  explicit Committer(SessionLease& lease) : lease_(lease), thread_([this] { Run(); }) {}
-  ~Committer() { Stop(); }
+  explicit BackgroundCommitter(SessionLease& lease) : lease_(lease), thread_([this] { Run(); }) {}
+  ~BackgroundCommitter() { Stop(); }
 
   // Waits until this number of further commits has been acknowledged, or one has failed.
   void AwaitMore(uint64_t commits) {
@@ -320,7 +320,7 @@ TEST_F(RedisSentinelFixture, AKilledMasterLosesNoAcknowledgedCommit) {
   auto lease = store->CreateSession(Record("sessions/a"), "life").value();
   ASSERT_TRUE(store->PutModel(Model("models/a", "tenant", "bytes")).ok());
   group_.AwaitSentinels();
-  Committer committer(*lease);
+  BackgroundCommitter committer(*lease);
   for (int kill = 0; kill < kKills; ++kill) {
     committer.AwaitMore(kCommits);
     const size_t old_master = group_.Master();
@@ -341,7 +341,7 @@ TEST_F(RedisSentinelFixture, AKilledMasterLosesNoAcknowledgedCommit) {
   for (uint64_t commit = 1; commit <= session.poses.size(); ++commit) {
     const PoseSegment& stored = session.poses[commit - 1];
     ASSERT_EQ(stored.first_pose_seq, 2 * commit - 1);
-    ASSERT_EQ(stored.bytes, Committer::SegmentOf(commit).bytes);
+    ASSERT_EQ(stored.bytes, BackgroundCommitter::SegmentOf(commit).bytes);
   }
   EXPECT_EQ(session.checkpoint, std::to_string(session.poses.size()));
   EXPECT_TRUE(store->ReadModel("tenant", "models/a").ok());

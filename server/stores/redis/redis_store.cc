@@ -158,6 +158,10 @@ class RedisStore : public Store {
     return models_.Read(RedisModelMember(tenant, name));
   }
 
+  absl::StatusOr<bool> HasModel(absl::string_view tenant, absl::string_view name) const override {
+    return models_.Has(RedisModelMember(tenant, name));
+  }
+
   absl::Status PutModel(const ModelRecord& model) override { return models_.Put(model); }
 
   absl::Status DeleteModel(absl::string_view tenant, absl::string_view name) override {

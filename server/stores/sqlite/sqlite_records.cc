@@ -348,6 +348,14 @@ absl::StatusOr<ModelRecord> SqliteReadModel(SqliteDatabase& database, absl::stri
   return model;
 }
 
+absl::StatusOr<bool> SqliteHasModel(SqliteDatabase& database, absl::string_view tenant, absl::string_view name) {
+  SqliteQuery query = database.Query("SELECT 1 FROM models WHERE name = ? AND tenant = ?");
+  query.Text(name).Text(tenant);
+  const bool is_found = query.Next();
+  EVPOSE_RETURN_IF_ERROR(query.status());
+  return is_found;
+}
+
 absl::Status SqliteDeleteModel(SqliteDatabase& database, absl::string_view tenant, absl::string_view name) {
   return database.Query("DELETE FROM models WHERE name = ? AND tenant = ?").Text(name).Text(tenant).Run();
 }

@@ -94,6 +94,7 @@ absl::StatusOr<std::vector<std::string>> SqliteSessionsEndedBefore(SqliteDatabas
 absl::Status SqlitePutModel(SqliteDatabase& database, const ModelRecord& model);
 // Errors: NOT_FOUND.
 absl::StatusOr<ModelRecord> SqliteReadModel(SqliteDatabase& database, absl::string_view tenant, absl::string_view name);
+absl::StatusOr<bool> SqliteHasModel(SqliteDatabase& database, absl::string_view tenant, absl::string_view name);
 absl::Status SqliteDeleteModel(SqliteDatabase& database, absl::string_view tenant, absl::string_view name);
 struct SqliteModelKey {
   std::string tenant;

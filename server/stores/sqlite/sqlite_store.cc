@@ -104,6 +104,11 @@ class SqliteStore : public Store {
     return model;
   }
 
+  absl::StatusOr<bool> HasModel(absl::string_view tenant, absl::string_view name) const override {
+    const std::lock_guard lock(mutex_);
+    return SqliteHasModel(*reader_, tenant, name);
+  }
+
   absl::Status PutModel(const ModelRecord& model) override {
     return writer_->Call([&](SqliteDatabase& database) { return SqlitePutModel(database, model); },
                          model.bytes->size() + model.prepared.size());

@@ -272,6 +272,7 @@ TEST_F(SqliteStoreTest, ALargeFileIsCheckedAfterDamageHasBeenRead) {
     const std::unique_ptr<Store> store = OpenSqliteStore(options).value();
     EXPECT_THAT(store->damage(), testing::IsEmpty()) << "the start does not read all records";
     EXPECT_EQ(store->ReadModel("", "models/a").status().code(), StatusCode::kDataLoss);
+    EXPECT_TRUE(store->HasModel("", "models/a").value());
   }
   EXPECT_THAT(absl::StrJoin(OpenSqliteStore(options).value()->damage(), "\n"), HasSubstr("model models/a"));
   EXPECT_THAT(OpenSqliteStore(options).value()->damage(), testing::IsEmpty()) << "the rescued file is intact";
