@@ -245,17 +245,19 @@ absl::StatusOr<ModelInfo> ModelRegistry::Get(const std::string& tenant, absl::st
 }
 
 absl::StatusOr<ModelUse> ModelRegistry::FindStored(const Key& key, std::optional<ModelRecord>& record) {
-  absl::StatusOr<ModelUse> use = Use(key.first, key.second);
+  const auto& [tenant, name] = key;
+  absl::StatusOr<ModelUse> use = Use(tenant, name);
   if (use.ok()) return use;
-  const std::lock_guard store_lock(store_mutex_);
-  use = Use(key.first, key.second);
-  if (use.ok()) return use;
-  absl::StatusOr<ModelRecord> stored = store_.ReadModel(key.first, key.second);
+  absl::StatusOr<ModelRecord> stored = store_.ReadModel(tenant, name);
   if (absl::IsNotFound(stored.status())) return use;
   EVPOSE_RETURN_IF_ERROR(stored.status());
+  // Not locked while the file is read, which takes long. The model may have been deleted meanwhile.
+  const std::lock_guard store_lock(store_mutex_);
+  EVPOSE_ASSIGN_OR_RETURN(const bool is_stored, store_.HasModel(tenant, name));
+  if (!is_stored) return use;
   record = *std::move(stored);
   Insert(*record);
-  return Use(key.first, key.second);
+  return Use(tenant, name);
 }
 
 absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, absl::string_view name) {
@@ -264,14 +266,14 @@ absl::StatusOr<ModelUse> ModelRegistry::UseStored(const std::string& tenant, abs
   const auto for_caller = [](const absl::Status& status) {
     return absl::IsDataLoss(status) ? status : FromStore(status);
   };
-  std::optional<ModelRecord> record;
-  absl::StatusOr<ModelUse> use = FindStored(key, record);
-  if (!use.ok()) return for_caller(use.status());
-  if (use->model != nullptr) return use;
+  absl::StatusOr<ModelUse> use = Use(tenant, name);
+  if (use.ok() && use->model != nullptr) return use;
   const auto loading = loading_.LockKey(key);                // sessions that begin at the same time load it once
   EVPOSE_RETURN_IF_ERROR(SlowExecutor::Running().status());  // the call may have ended during the wait
-  use = Use(tenant, name);
-  if (!use.ok() || use->model != nullptr) return use;
+  std::optional<ModelRecord> record;
+  use = FindStored(key, record);
+  if (!use.ok()) return for_caller(use.status());
+  if (use->model != nullptr) return use;
   if (!record.has_value()) {
     absl::StatusOr<ModelRecord> stored = store_.ReadModel(tenant, name);
     if (absl::IsNotFound(stored.status())) {

@@ -135,7 +135,8 @@ class ModelRegistry {
   // Fills in `prepared` and `summary`. Errors: those of ModelPreparer.
   absl::StatusOr<std::shared_ptr<const ObjectModel>> Prepare(ModelRecord& record,
                                                              const Cancellation& cancellation) const;
-  // A use of a model that is perhaps only in the store; `record`: the model if it was read for that.
+  // A use of a model that is perhaps only in the store; `record`: the model if it was read for that. The caller has
+  // locked the model in `loading_`.
   absl::StatusOr<ModelUse> FindStored(const Key& key, std::optional<ModelRecord>& record);
   absl::StatusOr<std::shared_ptr<const ObjectModel>> Load(ModelRecord record);
   // Blocks new uses of the model. Returns false if this server has no entry for it. Errors: FAILED_PRECONDITION
@@ -149,10 +150,10 @@ class ModelRegistry {
 
   const Options options_;
   Store& store_;
-  // Of each model that a session loads or prepares. Locked before store_mutex_.
+  // Of each model that a session reads, loads or prepares. Locked before store_mutex_.
   KeyedMutexes<Key> loading_;
-  // Held during calls of the store about one model, so that store and models_ stay consistent. Locked before mutex_,
-  // which is never held while waiting.
+  // Held during calls of the store that change the list, so that store and models_ stay consistent. Locked before
+  // mutex_, which is never held while waiting.
   std::mutex store_mutex_;
   mutable std::mutex mutex_;
   std::map<Key, Entry> models_ ABSL_GUARDED_BY(mutex_);

@@ -179,6 +179,29 @@ TEST_F(SessionMoveTest, AModelThatIsLoadedIsNotReadAgain) {
   Kill(server);
 }
 
+TEST_F(SessionMoveTest, WhileAModelIsReadOthersCanBeDeleted) {
+  StoreWithRace store(store_, std::make_shared<InjectedFault>());
+  const auto one = ModelRegistry::Create({.shares_store = true}, store).value();
+  Server two = Open(/*shares_store=*/true);
+  const std::string model = Config(two).objects[0].model;
+  const std::string of_other = two.models->Upload("other", {}, "", CubeBytes()).value().name;
+  // A mutex of all tenants would be locked twice.
+  store.before_read_model = [&] { EXPECT_TRUE(one->Delete("other", of_other).ok()); };
+  EXPECT_TRUE(one->UseStored(kTenant, model).ok());
+  Kill(two);
+}
+
+TEST_F(SessionMoveTest, AModelThatIsDeletedWhileItIsReadIsNotFound) {
+  StoreWithRace store(store_, std::make_shared<InjectedFault>());
+  const auto one = ModelRegistry::Create({.shares_store = true}, store).value();
+  Server two = Open(/*shares_store=*/true);
+  const std::string model = Config(two).objects[0].model;
+  store.after_read_model = [&] { EXPECT_TRUE(one->Delete(kTenant, model).ok()); };
+  EXPECT_EQ(ReasonOf(one->UseStored(kTenant, model).status()), "MODEL_NOT_FOUND");
+  EXPECT_FALSE(one->Get(kTenant, model).ok());
+  Kill(two);
+}
+
 TEST_F(SessionMoveTest, AModelThatAnotherServerDeletedIsForgotten) {
   Server one = Open(/*shares_store=*/true);
   Server two = Open(/*shares_store=*/true);
