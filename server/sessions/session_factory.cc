@@ -234,13 +234,29 @@ absl::StatusOr<std::unique_ptr<SessionPipeline>> SessionFactory::RestorePipeline
 absl::StatusOr<SessionFactory::Stored> SessionFactory::Read(absl::string_view name, uint64_t after_pose_seq) const {
   auto stored = store_.ReadSession(name, after_pose_seq);
   if (!stored.ok()) return StoreError(name, stored.status());
-  auto config = DecodeConfig(stored->record.config);
-  if (!config.ok()) return StoreError(name, config.status());
-  auto beginning = DecodeBeginning(*stored, config->objects.size(), after_pose_seq);
-  if (!beginning.ok()) return StoreError(name, beginning.status());
-  Stored out = {.record = std::move(stored->record), .lifecycle = beginning->lifecycle};
-  out.info = Describe(out.record, *std::move(config), *beginning, options_.limits.expiry);
-  out.poses = std::move(beginning->poses);
+  auto decoded = Decode(*std::move(stored), after_pose_seq);
+  if (!decoded.ok()) return StoreError(name, decoded.status());
+  return decoded;
+}
+
+absl::StatusOr<std::vector<SessionFactory::Stored>> SessionFactory::ReadWithoutPoses(
+    const std::vector<std::string>& names) const {
+  auto sessions = store_.ReadWithoutPoses(names);
+  if (!sessions.ok()) return FromStore(sessions.status());
+  std::vector<Stored> decoded;
+  for (StoredSession& session : *sessions) {
+    auto one = Decode(std::move(session), kAfterAllPoses);
+    if (one.ok()) decoded.push_back(*std::move(one));
+  }
+  return decoded;
+}
+
+absl::StatusOr<SessionFactory::Stored> SessionFactory::Decode(StoredSession stored, uint64_t after_pose_seq) const {
+  EVPOSE_ASSIGN_OR_RETURN(SessionConfig config, DecodeConfig(stored.record.config));
+  EVPOSE_ASSIGN_OR_RETURN(SessionBeginning beginning, DecodeBeginning(stored, config.objects.size(), after_pose_seq));
+  Stored out = {.record = std::move(stored.record), .lifecycle = beginning.lifecycle};
+  out.info = Describe(out.record, std::move(config), beginning, options_.limits.expiry);
+  out.poses = std::move(beginning.poses);
   return out;
 }
 

@@ -60,6 +60,9 @@ class SessionFactory {
     }
   };
   absl::StatusOr<Stored> Read(absl::string_view name, uint64_t after_pose_seq = 0) const;
+  // Reads several sessions without poses by one call of the store. Those that do not exist or are damaged are omitted.
+  // Errors: those of the store.
+  absl::StatusOr<std::vector<Stored>> ReadWithoutPoses(const std::vector<std::string>& names) const;
 
  private:
   // The models of the objects of a session, and the handles that protect them from deletion.
@@ -70,6 +73,8 @@ class SessionFactory {
   };
   // If the models are charged, each one is before the next one is loaded.
   absl::StatusOr<Models> UseModels(const std::string& tenant, const SessionConfig& config, bool are_charged) const;
+  // `stored` has only the poses after `after_pose_seq`. Errors: DATA_LOSS.
+  absl::StatusOr<Stored> Decode(StoredSession stored, uint64_t after_pose_seq) const;
   absl::Status CheckModelsStored(const std::string& tenant, const SessionConfig& config) const;
   SessionParts MakeParts(const std::string& name, const std::string& tenant) const;
   SessionMemory MemoryOf(const SessionConfig& config,

@@ -22,6 +22,9 @@ namespace {
 
 // A replica changes only with a checkpoint, and two checkpoints are at least 0.1 s of processing time apart.
 constexpr absl::Duration kMirrorPeriod = absl::Milliseconds(100);
+// The number of sessions that a list reads by one call of the store. Their checkpoints, usually 44 kB and at most
+// several megabytes each, are in memory at the same time.
+constexpr size_t kSessionsPerRead = 16;
 
 absl::Status RequestIdReused(absl::string_view request_id, absl::string_view session) {
   return WithReason(absl::AlreadyExistsError(absl::StrCat("request_id \"", Shortened(request_id), "\" made ", session,
@@ -223,20 +226,41 @@ std::shared_ptr<Session> SessionManager::FindForAttach(const std::string& tenant
 absl::StatusOr<SessionInfo> SessionManager::Describe(const std::string& tenant, const std::string& name) {
   DeleteExpired();
   RestoreIfWaiting(tenant, name);
-  return DescribeAsStored(tenant, name);
-}
-
-absl::StatusOr<SessionInfo> SessionManager::DescribeAsStored(const std::string& tenant, const std::string& name) {
   if (const auto session = FindOpen(tenant, name); session != nullptr) return session->Describe();
   EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Stored stored, ReadOwn(tenant, name));
-  if (IsWaiting(tenant, name)) {
-    // The process that had its stream has ended.
-    SessionSnapshot& snapshot = stored.info.snapshot;
-    if (snapshot.state == SessionState::kAttached) snapshot.state = SessionState::kDetached;
-    const std::lock_guard lock(mutex_);
-    snapshot.expire_time = found_at_ + options_.limits.expiry;
-  }
+  NoteWaiting(tenant, stored.info);
   return std::move(stored.info);
+}
+
+absl::StatusOr<std::map<std::string, SessionInfo>> SessionManager::DescribeAsStored(
+    const std::string& tenant, const std::vector<std::string>& names) {
+  std::map<std::string, SessionInfo> described;
+  std::vector<std::string> elsewhere;
+  for (const std::string& name : names) {
+    if (const auto session = FindOpen(tenant, name); session != nullptr) {
+      described.emplace(name, session->Describe());
+    } else {
+      elsewhere.push_back(name);
+    }
+  }
+  if (elsewhere.empty()) return described;
+  EVPOSE_ASSIGN_OR_RETURN(std::vector<SessionFactory::Stored> read,
+                          OrOutOfMemory([&] { return factory_.ReadWithoutPoses(elsewhere); }));
+  for (SessionFactory::Stored& stored : read) {
+    if (stored.record.tenant != tenant) continue;
+    NoteWaiting(tenant, stored.info);
+    described.emplace(stored.record.name, std::move(stored.info));
+  }
+  return described;
+}
+
+void SessionManager::NoteWaiting(const std::string& tenant, SessionInfo& info) const {
+  const std::lock_guard lock(mutex_);
+  if (!waiting_.Contains(tenant, info.name)) return;
+  // The process that had its stream has ended.
+  SessionSnapshot& snapshot = info.snapshot;
+  if (snapshot.state == SessionState::kAttached) snapshot.state = SessionState::kDetached;
+  snapshot.expire_time = found_at_ + options_.limits.expiry;
 }
 
 absl::StatusOr<SessionFactory::Stored> SessionManager::ReadOwn(const std::string& tenant, const std::string& name,
@@ -263,10 +287,12 @@ absl::StatusOr<std::vector<SessionInfo>> SessionManager::List(const std::string&
     if (!page.ok()) return FromStore(page.status());
     std::set<std::string> names = NamesHere(tenant, place, page->last_name);
     for (const SessionRecord& record : page->records) names.insert(record.name);
-    for (auto name = names.begin(); name != names.end() && sessions.size() < max_sessions; ++name) {
-      auto info = DescribeAsStored(tenant, *name);
-      if (absl::IsUnavailable(info.status())) return info.status();
-      if (info.ok()) sessions.push_back(*std::move(info));
+    for (auto name = names.begin(); name != names.end() && sessions.size() < max_sessions;) {
+      const size_t num_wanted = std::min(kSessionsPerRead, max_sessions - sessions.size());
+      std::vector<std::string> some;
+      while (name != names.end() && some.size() < num_wanted) some.push_back(*name++);
+      EVPOSE_ASSIGN_OR_RETURN(auto described, DescribeAsStored(tenant, some));
+      for (auto& [described_name, info] : described) sessions.push_back(std::move(info));
     }
     place = page->last_name;
   } while (!place.empty() && sessions.size() < max_sessions);

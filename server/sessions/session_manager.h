@@ -122,7 +122,6 @@ class SessionManager {
   const Options& options() const { return options_; }
 
  private:
-  static constexpr uint64_t kNoPoses = INT64_MAX - 1;   // as `after_pose_seq`: no session has so many poses
   using Request = std::pair<std::string, std::string>;  // tenant, request_id
   using SessionLock = KeyedMutexes<std::string>::Lock;
   struct Entry {
@@ -157,7 +156,7 @@ class SessionManager {
   std::shared_ptr<SessionMirror> FindMirror(const std::string& tenant, const std::string& name);
   // Reads a session of this tenant from the store, with its poses after `after_pose_seq`. Errors: as Describe.
   absl::StatusOr<SessionFactory::Stored> ReadOwn(const std::string& tenant, const std::string& name,
-                                                 uint64_t after_pose_seq = kNoPoses) const;
+                                                 uint64_t after_pose_seq = kAfterAllPoses) const;
   // Deletes a session that this server does not have. It must be locked, so that it is not resumed at the same time.
   absl::Status DeleteStored(const std::string& tenant, const std::string& name, const std::string& peer);
   // If `slot_of` is not null, a slot of this tenant is reserved for the session; it is released in any case.
@@ -167,8 +166,12 @@ class SessionManager {
   void RestoreIfWaiting(const std::string& tenant, const std::string& name);
   bool IsWaiting(const std::string& tenant, const std::string& name) const;
   void StopWaiting(const std::string& name);
-  // Does the same as Describe(), but does not restore a waiting session.
-  absl::StatusOr<SessionInfo> DescribeAsStored(const std::string& tenant, const std::string& name);
+  // Changes the description of a session in the store if it waits to be restored.
+  void NoteWaiting(const std::string& tenant, SessionInfo& info) const;
+  // Does the same as Describe() for several sessions, and does not restore waiting ones. Those that do not exist or are
+  // damaged are omitted.
+  absl::StatusOr<std::map<std::string, SessionInfo>> DescribeAsStored(const std::string& tenant,
+                                                                      const std::vector<std::string>& names);
   // The names of the tenant's sessions of this server after `after_name` and up to `last_name`; to the end if that is
   // empty.
   std::set<std::string> NamesHere(const std::string& tenant, absl::string_view after_name,

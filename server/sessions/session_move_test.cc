@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "absl/strings/str_cat.h"
 #include "server/sessions/session_restore_testing.h"
 
 namespace evpose::server {
@@ -134,6 +135,54 @@ TEST_F(SessionMoveTest, SessionsOfOtherServersAreDescribedWithoutTakingThem) {
   EXPECT_EQ(ReasonOf(one->Describe(kTenant, elsewhere->name()).status()), "SESSION_NOT_FOUND");
   Kill(one);
   Kill(two);
+}
+
+// A store that counts the calls which read sessions.
+class StoreThatCountsReads : public FaultInjectingStore {
+ public:
+  using FaultInjectingStore::FaultInjectingStore;
+  absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
+    ++num_single;
+    return FaultInjectingStore::ReadSession(name, after_pose_seq);
+  }
+  absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const override {
+    num_together.push_back(names.size());
+    return FaultInjectingStore::ReadWithoutPoses(names);
+  }
+  mutable int num_single = 0;
+  mutable std::vector<size_t> num_together;
+};
+
+TEST_F(SessionMoveTest, AListReadsTheSessionsOfOtherServersTogether) {
+  const auto fault = std::make_shared<InjectedFault>();
+  StoreThatCountsReads store(store_, fault);
+  Server server = Open(/*shares_store=*/true, store);
+  const auto here = Create(server);
+  const std::string config = EncodeConfig(here->config());
+  const auto store_session = [&](const std::string& name, const std::string& tenant, const std::string& stored_config) {
+    ASSERT_TRUE(store_
+                    ->CreateSession({.name = name, .tenant = tenant, .config = stored_config},
+                                    EncodeLifecycle({.token_digest = TokenDigest("token"), .detached_at = now_}))
+                    .ok());
+  };
+  for (char c = 'a'; c <= 'z'; ++c) store_session(absl::StrCat("sessions/z", std::string(1, c)), kTenant, config);
+  store_session("sessions/y", kTenant, "no configuration");
+  store_session("sessions/x", "other", config);
+  store.num_together.clear();
+  const std::vector<SessionInfo> all = server->List(kTenant, "", 100).value();
+  ASSERT_EQ(all.size(), 27u) << "the damaged one is omitted";
+  EXPECT_EQ(all[0].name, here->name()) << "its name has hexadecimal digits";
+  EXPECT_EQ(all[1].name, "sessions/za");
+  EXPECT_EQ(all[1].snapshot.state, SessionState::kDetached);
+  EXPECT_EQ(all[26].name, "sessions/zz");
+  EXPECT_THAT(store.num_together, testing::ElementsAre(15, 12)) << "16 names each, of which one is here";
+  EXPECT_EQ(store.num_single, 0);
+  EXPECT_EQ(server->List(kTenant, "sessions/zd", 3)->back().name, "sessions/zg");
+  EXPECT_EQ(server->List(kTenant, "sessions/y", 1)->front().name, "sessions/za");
+  fault->Set(absl::UnavailableError("away"));
+  EXPECT_EQ(ReasonOf(server->List(kTenant, "", 100).status()), "STORE_UNAVAILABLE");
+  fault->Set(absl::OkStatus());
+  Kill(server);
 }
 
 TEST_F(SessionMoveTest, AModelThatASessionUsesElsewhereIsNotDeleted) {

@@ -132,6 +132,10 @@ class FaultInjectingStore : public Store {
     EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ReadSession(name, after_pose_seq);
   }
+  absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const override {
+    EVPOSE_RETURN_IF_ERROR(fault_->Check());
+    return store_->ReadWithoutPoses(names);
+  }
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
     EVPOSE_RETURN_IF_ERROR(fault_->Check());
     return store_->ReadTenant(name);

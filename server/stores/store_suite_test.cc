@@ -9,6 +9,7 @@
 #include <string>
 #include <thread>
 
+#include "absl/strings/str_cat.h"
 #include "server/stores/common/store.h"
 #include "server/stores/store_fixtures_testing.h"
 
@@ -202,6 +203,27 @@ TEST_P(StoreSuite, ReadsTheSegmentsAfterAPose) {
   EXPECT_EQ(ranges_after(1'000'000), "");
   EXPECT_EQ(store_->ReadSession("sessions/a", 30)->checkpoint, "state");
   EXPECT_EQ(store_->ReadSession("sessions/b", 30).status().code(), StatusCode::kNotFound);
+}
+
+TEST_P(StoreSuite, ReadsSeveralSessionsWithoutTheirPoses) {
+  for (const char* const name : {"sessions/a", "sessions/b", "sessions/c"}) {
+    auto lease = store_->CreateSession(Record(name), absl::StrCat("life of ", name)).value();
+    if (name == absl::string_view("sessions/c")) continue;  // without a checkpoint
+    ASSERT_TRUE(CommitNow(*lease, {.checkpoint = absl::StrCat("state of ", name), .poses = {Segment("x", 1, 3)}}).ok());
+  }
+  if (fixture_->keeps()) Reopen();
+  const std::vector<StoredSession> read =
+      store_->ReadWithoutPoses({"sessions/c", "sessions/none", "sessions/a", "sessions/b"}).value();
+  std::vector<std::string> found;
+  for (const StoredSession& session : read) {
+    found.push_back(absl::StrCat(session.record.name, ": ", session.lifecycle, ", ", session.checkpoint));
+    EXPECT_EQ(session.record.config, Record(session.record.name).config);
+    EXPECT_EQ(Ranges(session.poses), "");
+  }
+  EXPECT_THAT(found,
+              ElementsAre("sessions/c: life of sessions/c, ", "sessions/a: life of sessions/a, state of sessions/a",
+                          "sessions/b: life of sessions/b, state of sessions/b"));
+  EXPECT_TRUE(store_->ReadWithoutPoses({})->empty());
 }
 
 TEST_P(StoreSuite, DeletesPosesBySegments) {

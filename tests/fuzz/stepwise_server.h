@@ -93,6 +93,10 @@ class StepwiseStore : public server::Store {
   absl::StatusOr<server::StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     return sessions_.Read(name, after_pose_seq);
   }
+  absl::StatusOr<std::vector<server::StoredSession>> ReadWithoutPoses(
+      const std::vector<std::string>& names) const override {
+    return sessions_.ReadWithoutPoses(names);
+  }
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override { return sessions_.ReadTenant(name); }
   absl::StatusOr<server::SessionPage> ListSessions(absl::string_view tenant, absl::string_view after_name,
                                                    size_t max_sessions) const override {

@@ -166,6 +166,8 @@ absl::Status CheckWhole(absl::string_view session, const std::vector<PoseSegment
       absl::StrCat("poses of ", session, " are missing between ", first_pose_seq_kept, " and ", next_pose_seq - 1));
 }
 
+bool IsMissingOrDamaged(const absl::Status& status) { return absl::IsNotFound(status) || absl::IsDataLoss(status); }
+
 void NoteDamage(absl::string_view what, const absl::Status& status, std::vector<std::string>& damage) {
   if (absl::IsDataLoss(status)) damage.push_back(absl::StrCat(what, ": ", status.message()));
 }

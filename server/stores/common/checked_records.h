@@ -48,6 +48,9 @@ absl::Status DecodeModelBytes(const std::string& encoded, ModelRecord& model);
 absl::Status CheckWhole(absl::string_view session, const std::vector<PoseSegment>& poses, uint64_t first_pose_seq_kept,
                         uint64_t next_pose_seq);
 
+// True for the status of reading a session that a list omits: it does not exist, or is damaged.
+bool IsMissingOrDamaged(const absl::Status& status);
+
 // Appends the message of a status of reading `what` to `damage` if it is DATA_LOSS.
 void NoteDamage(absl::string_view what, const absl::Status& status, std::vector<std::string>& damage);
 

@@ -110,6 +110,9 @@ struct StoredLifecycle {
   std::string lifecycle;
 };
 
+// As `after_pose_seq`: no poses are wanted. No session has so many, and the number fits into those of all databases.
+inline constexpr uint64_t kAfterAllPoses = INT64_MAX - 1;
+
 struct SessionOwner {
   std::string name;  // of the session
   std::string tenant;
@@ -245,6 +248,10 @@ class Store {
   // TakeSession().
   virtual absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const = 0;
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const { return ReadSession(name, 0); }
+  // Reads several sessions without their poses, in the order of `names`, with one round trip, and takes none. Sessions
+  // that do not exist or are damaged are omitted. The caller bounds their number: a checkpoint may have several
+  // megabytes.
+  virtual absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const = 0;
   // The tenant of a session, also of a damaged one. Errors: NOT_FOUND.
   virtual absl::StatusOr<std::string> ReadTenant(absl::string_view name) const = 0;
   // The tenant's sessions from the first name after `after_name` on, at most `max_sessions` with the damaged ones,

@@ -71,6 +71,14 @@ absl::StatusOr<StoredSession> MemorySessions::Read(absl::string_view name, uint6
   return read;
 }
 
+std::vector<StoredSession> MemorySessions::ReadWithoutPoses(const std::vector<std::string>& names) const {
+  std::vector<StoredSession> sessions;
+  for (const std::string& name : names) {
+    if (auto session = Read(name, kAfterAllPoses); session.ok()) sessions.push_back(*std::move(session));
+  }
+  return sessions;
+}
+
 absl::StatusOr<std::string> MemorySessions::ReadTenant(absl::string_view name) const {
   const std::lock_guard lock(mutex_);
   const auto found = contents_.sessions.find(name);

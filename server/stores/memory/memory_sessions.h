@@ -42,6 +42,7 @@ class MemorySessions {
   absl::StatusOr<FencingToken> Create(const SessionRecord& record, const std::string& lifecycle, std::string holder);
   absl::StatusOr<MemorySession> Take(absl::string_view name, std::string holder);
   absl::StatusOr<StoredSession> Read(absl::string_view name, uint64_t after_pose_seq) const;
+  std::vector<StoredSession> ReadWithoutPoses(const std::vector<std::string>& names) const;
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const;
   SessionPage List(absl::string_view tenant, absl::string_view after_name, size_t max_sessions) const;
   absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const;

@@ -129,6 +129,9 @@ class MemoryStore : public Store {
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     return shared_->sessions->Read(name, after_pose_seq);
   }
+  absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const override {
+    return shared_->sessions->ReadWithoutPoses(names);
+  }
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
     return shared_->sessions->ReadTenant(name);
   }

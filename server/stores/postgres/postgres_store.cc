@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/stores/postgres/postgres_store.h"
 
-#include <limits>
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -166,14 +166,27 @@ class PostgresStore : public Store {
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
-    // A number beyond bigint is beyond all poses, too.
-    const uint64_t after = std::min<uint64_t>(after_pose_seq, std::numeric_limits<int64_t>::max() - 1);
+    const uint64_t after = std::min(after_pose_seq, kAfterAllPoses);  // a number beyond bigint is beyond all poses, too
     EVPOSE_ASSIGN_OR_RETURN(const auto rows, client().Call({{.statement = &kPostgresBeginReading},
                                                             {.statement = &kPostgresReadSession, .values = {name}},
                                                             {.statement = &kPostgresReadPoses, .values = {name, after}},
                                                             {.statement = &kPostgresCommit}}));
     EVPOSE_ASSIGN_OR_RETURN(PostgresSession session, ParsePostgresSession(name, after, rows[1], rows[2]));
     return std::move(session.stored);
+  }
+
+  absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const override {
+    std::vector<PostgresCommand> commands;
+    for (const std::string& name : names) commands.push_back({.statement = &kPostgresReadSession, .values = {name}});
+    EVPOSE_ASSIGN_OR_RETURN(const auto rows, client().Call(commands));
+    std::vector<StoredSession> sessions;
+    for (size_t i = 0; i < names.size(); ++i) {
+      auto read = ParsePostgresSession(names[i], kAfterAllPoses, rows[i], /*poses=*/PostgresRows(nullptr));
+      if (IsMissingOrDamaged(read.status())) continue;
+      EVPOSE_RETURN_IF_ERROR(read.status());
+      sessions.push_back(std::move(read->stored));
+    }
+    return sessions;
   }
 
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {

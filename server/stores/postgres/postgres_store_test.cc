@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/poll_testing.h"
 #include "server/stores/open_store.h"
@@ -264,6 +265,7 @@ TEST_F(PostgresStoreFixture, NamesDamagedRecords) {
     const absl::Status status = store->TakeSession("sessions/a").status();
     EXPECT_EQ(status.code(), StatusCode::kDataLoss) << words;
     EXPECT_THAT(std::string(status.message()), HasSubstr(words));
+    EXPECT_EQ(store->ReadWithoutPoses({"sessions/a"})->size(), absl::StrContains(words, "poses") ? 1u : 0u) << words;
     EXPECT_THAT(Open()->damage(), testing::ElementsAre(AllOf(HasSubstr("session sessions/a: "), HasSubstr(words))));
   }
   ASSERT_TRUE(store->DeleteSession("sessions/a").ok());

@@ -216,6 +216,21 @@ class RedisStore : public Store {
     return std::move(session.stored);
   }
 
+  absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const override {
+    std::vector<RedisBucketCall> calls;
+    for (const std::string& name : names) calls.push_back(Reading(name, /*holder=*/"", kAfterAllPoses));
+    const std::vector<absl::StatusOr<RedisReply>> replies = shared_->groups.CallAll(calls);
+    std::vector<StoredSession> sessions;
+    for (size_t i = 0; i < names.size(); ++i) {
+      EVPOSE_RETURN_IF_ERROR(replies[i].status());
+      auto read = ParseRedisSession(names[i], kAfterAllPoses, replies[i]->get());
+      if (IsMissingOrDamaged(read.status())) continue;
+      EVPOSE_RETURN_IF_ERROR(read.status());
+      sessions.push_back(std::move(read->stored));
+    }
+    return sessions;
+  }
+
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
     const int bucket = RedisBucketOf(name);
     EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->groups.Call(ReadBucket(
@@ -405,13 +420,14 @@ class RedisStore : public Store {
   }
 
   // Takes the session if there is a holder.
+  RedisBucketCall Reading(absl::string_view name, const std::string& holder, uint64_t after_pose_seq) const {
+    return OnSession(kRedisRead, name,
+                     {holder.empty() ? "0" : "1", shared_->SafetyTtlMs(), std::to_string(after_pose_seq),
+                      std::to_string(after_pose_seq + 1), holder},
+                     holder.empty() ? Acknowledgement::kMaster : Acknowledgement::kReplica);
+  }
   absl::StatusOr<RedisSession> Read(absl::string_view name, const std::string& holder, uint64_t after_pose_seq) const {
-    EVPOSE_ASSIGN_OR_RETURN(
-        const RedisReply reply,
-        shared_->groups.Call(OnSession(kRedisRead, name,
-                                       {holder.empty() ? "0" : "1", shared_->SafetyTtlMs(),
-                                        std::to_string(after_pose_seq), std::to_string(after_pose_seq + 1), holder},
-                                       holder.empty() ? Acknowledgement::kMaster : Acknowledgement::kReplica)));
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->groups.Call(Reading(name, holder, after_pose_seq)));
     return ParseRedisSession(name, after_pose_seq, reply.get());
   }
 

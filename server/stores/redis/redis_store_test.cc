@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "server/stores/open_store.h"
 #include "server/stores/redis/redis_keys.h"
@@ -240,6 +241,7 @@ TEST_F(RedisStoreFixture, NamesDamagedRecords) {
     const absl::Status status = store_->TakeSession("sessions/a").status();
     EXPECT_EQ(status.code(), StatusCode::kDataLoss) << words;
     EXPECT_THAT(std::string(status.message()), HasSubstr(words));
+    EXPECT_EQ(store_->ReadWithoutPoses({"sessions/a"})->size(), absl::StrContains(words, "poses") ? 1u : 0u) << words;
     EXPECT_THAT(Open()->damage(), testing::ElementsAre(AllOf(HasSubstr("session sessions/a: "), HasSubstr(words))));
   }
   ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());

@@ -14,6 +14,7 @@
 #include "server/runtime/out_of_memory.h"
 #include "server/runtime/random_name.h"
 #include "server/stores/common/checked_lease.h"
+#include "server/stores/common/checked_records.h"
 #include "server/stores/sqlite/data_directory.h"
 #include "server/stores/sqlite/sqlite_file.h"
 #include "server/stores/sqlite/sqlite_records.h"
@@ -153,17 +154,20 @@ class SqliteStore : public Store {
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
-    if (IsDamaged(name)) return DamagedSessionError(name);
     const std::lock_guard lock(mutex_);
-    EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // all queries read one snapshot
-    const absl::Cleanup end = [&reader = *reader_] {
-      // The transaction is open after a failed allocation or COMMIT; the next BEGIN would fail without the rollback.
-      if (reader.InTransaction()) RunUnlessOutOfMemory([&reader] { reader.Execute("ROLLBACK").IgnoreError(); });
-    };
-    auto session = SqliteReadSession(*reader_, name, after_pose_seq);
-    EVPOSE_RETURN_IF_ERROR(reader_->Execute("COMMIT"));
-    EVPOSE_RETURN_IF_ERROR(Noting(session.status()));
-    return std::move(session->stored);
+    return ReadOne(name, after_pose_seq);
+  }
+
+  absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const override {
+    const std::lock_guard lock(mutex_);
+    std::vector<StoredSession> sessions;
+    for (const std::string& name : names) {
+      auto session = ReadOne(name, kAfterAllPoses);
+      if (IsMissingOrDamaged(session.status())) continue;
+      EVPOSE_RETURN_IF_ERROR(session.status());
+      sessions.push_back(*std::move(session));
+    }
+    return sessions;
   }
 
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const override {
@@ -228,6 +232,20 @@ class SqliteStore : public Store {
   const absl::Status& Noting(const absl::Status& status) const {
     if (absl::IsDataLoss(status)) MarkForCheck(directory_->PathOf(kFileName));
     return status;
+  }
+
+  absl::StatusOr<StoredSession> ReadOne(absl::string_view name, uint64_t after_pose_seq) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    if (damaged_sessions_.contains(name)) return DamagedSessionError(name);
+    EVPOSE_RETURN_IF_ERROR(reader_->Execute("BEGIN"));  // all queries read one snapshot
+    const absl::Cleanup end = [&reader = *reader_] {
+      // The transaction is open after a failed allocation or COMMIT; the next BEGIN would fail without the rollback.
+      if (reader.InTransaction()) RunUnlessOutOfMemory([&reader] { reader.Execute("ROLLBACK").IgnoreError(); });
+    };
+    auto session = SqliteReadSession(*reader_, name, after_pose_seq);
+    EVPOSE_RETURN_IF_ERROR(reader_->Execute("COMMIT"));
+    EVPOSE_RETURN_IF_ERROR(Noting(session.status()));
+    return std::move(session->stored);
   }
 
   bool IsDamaged(absl::string_view name) const {

@@ -188,6 +188,7 @@ TEST_F(SqliteStoreTest, NamesDamagedRecordsAndRescuesTheOthers) {
     EXPECT_TRUE(std::filesystem::exists(File() + ".damaged-1"));
     EXPECT_EQ(store->TakeSession("sessions/2").status().code(), StatusCode::kDataLoss) << sql;
     EXPECT_EQ(store->ReadSession("sessions/2").status().code(), StatusCode::kDataLoss);
+    EXPECT_EQ(store->ReadWithoutPoses({"sessions/2", "sessions/1"})->size(), 1u) << sql;
     EXPECT_EQ(store->CreateSession(Record("sessions/2"), "").status().code(), StatusCode::kAlreadyExists);
     EXPECT_EQ(store->ListOwners()->size(), kSessions - 1u);
     for (const int i : {0, 1, 3, 4, 5}) EXPECT_TRUE(IsWhole(store->ReadSession(Name(i)).value(), i)) << sql;
