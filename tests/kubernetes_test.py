@@ -28,6 +28,9 @@ PREPARATION_BYTES = 2 << 30
 OTHER_BYTES = (1 << 30) + 200_000_000
 # Memory of Redis for a session whose log of poses is full (deploy/sizing.md).
 SESSION_BYTES = 3.2e6
+# Cores of Redis that a session with 1000 poses per second uses, and its core's share that is used at most (deploy/sizing.md).
+SESSION_CORES = 0.0015
+MAX_REDIS_CORES = 0.7
 
 
 def of_kind(objects, kind):
@@ -213,12 +216,22 @@ def check_redis(objects, pod, most_sessions):
     check(options["--port"] == "0" and options["--tls-port"] == port, "Redis accepts connections without TLS")
     check(options.get("--save") == "", "Redis writes snapshots beside its file of writes")
     check_redis_memory(container, options["--maxmemory"], most_sessions, other_bytes=0)
+    check_redis_cores(pod, most_sessions)
 
 
 def check_redis_memory(container, maxmemory, most_sessions, other_bytes):
     gigabytes = int(maxmemory.removesuffix("gb"))
     check(int(container["resources"]["limits"]["memory"].removesuffix("Gi")) >= 2 * gigabytes, "no room for the rewrite of Redis' file")
     check(most_sessions * SESSION_BYTES + other_bytes <= gigabytes * 2**30, most_sessions, "sessions have no room in Redis")
+
+
+def check_redis_cores(pod, most_sessions):
+    cores = most_sessions * SESSION_CORES
+    check(cores <= MAX_REDIS_CORES, most_sessions, "sessions use too much of the core of Redis:", cores)
+    statement = f"{most_sessions} sessions use {100 * cores:.0f} % of the core"
+    check(statement in (MANIFESTS / pod.folder / "horizontalpodautoscaler.yaml").read_text(), "the autoscaler does not state:", statement)
+    sizing = pathlib.Path("deploy/sizing.md").read_text()
+    check(f"With {100 * SESSION_CORES:.2f} % of its core for a session" in sizing, "deploy/sizing.md has other costs of a session")
 
 
 def check_group(objects, pod, most_sessions):
@@ -256,6 +269,7 @@ def check_group(objects, pod, most_sessions):
     check(settings["port"] == "0" and settings["tls-port"] == "6379", "Redis accepts connections without TLS")
     backlog_bytes = int(settings["repl-backlog-size"].removesuffix("mb")) << 20
     check_redis_memory(redis, settings["maxmemory"], most_sessions, backlog_bytes)
+    check_redis_cores(pod, most_sessions)
 
 
 def check_monitoring(pod, objects):
