@@ -28,7 +28,7 @@ Influence TukeyInfluence(double u, double c) {
   return {(1.0 - s) * (1.0 - s), (1.0 - s) * (1.0 - 5.0 * s)};
 }
 
-// rho / u^2, the weight of S as printed in the paper (eqs5).
+// rho / u^2, the weight of S that the paper prints (core/estimation/README.md, section 1).
 Influence PrintedScaleInfluence(double u) {
   constexpr double kSmall = 1e-6;  // below it rho / u^2 is 1/2 to rounding
   if (std::abs(u) < kSmall) return {0.5, 0.5};
@@ -147,7 +147,7 @@ void Fitter::SetMadScale() {
 }
 
 void Fitter::UpdateScaleOfS() {
-  constexpr double kPrintedScaleTarget = 0.199;  // the constant of the printed (eqs4)
+  constexpr double kPrintedScaleTarget = 0.199;  // the constant in the paper's formula of the scale of S
   if (!is_released_) return SetSigma(TukeyScale(residuals_, sigma_px_));
   if (shown_weights_.empty()) return;
   double squares = 0.0;

@@ -34,8 +34,8 @@ enum class LineFitFormulas {
   kCorrected,  // as in core/estimation/README.md, section 1
   // The computation of the paper's released code: MAD of |d|, residuals multiplied by w (hence w squared), w divided by
   // its sum, and solver tolerances of 1e-3, which also end the re-weighting. All else follows the formulas as printed:
-  // the scale and weight of S by eqs. (eqs4) and (eqs5), MM with a scale that is updated (Algorithm 1). There is no
-  // mixture.
+  // the scale of S is sqrt(mean(w d^2) / 0.199) and its weight rho / u^2, and MM updates its scale (the paper's
+  // Algorithm 1). There is no mixture.
   kReleasedCode,
 };
 

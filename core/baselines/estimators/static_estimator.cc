@@ -98,7 +98,7 @@ void StaticEstimator::Fit(const MotionState& predicted, const WindowInput& input
   fit.state.camera_from_object = pose->camera_from_object;
   fit.state.covariance.setZero();
   fit.state.covariance.topLeftCorner<6, 6>() = pose->covariance;
-  // Twist from the last two poses (eqs. (eqd-3), (eqd-4) of the paper).
+  // Twist from the last two poses: the paper's model of constant velocity (LOPET, Sec. III-C).
   const double dt = has_last_ ? static_cast<double>(fit.state.t_us - last_.t_us) * 1e-6 : 0.0;
   if (dt > 0.0) fit.state.twist = Difference(fit.state.camera_from_object, last_.camera_from_object) / dt;
 }

@@ -2,8 +2,8 @@
 
 // Bounds over a cube of axis-angle vectors r = r_0 + d, |d_i| <= h, with u = R_0 v, c = u x n.
 //
-// Published (LOPET, eq. (eq1-13), after Hartley and Kahl 2009): angle(R_r v, R_0 v) <= |d| <= sqrt(3) h = mu, so that a
-// pair is possible only if |n . u| <= sin(eps + mu).
+// Published (LOPET, Sec. III-B, the upper bound E_U, after Hartley and Kahl 2009): angle(R_r v, R_0 v) <= |d| <=
+// sqrt(3) h = mu, so that a pair is possible only if |n . u| <= sin(eps + mu).
 //
 // First order, sharper for small cubes: along d(s) = s d, 0 <= s <= 1, let g(s) = n . R(s) v and let w(s) = J(r_0 + s
 // d) d be the angular velocity, J the left Jacobian of SO(3). Then g' = w . (R v x n), and with |w| <= |d|,
