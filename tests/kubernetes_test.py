@@ -364,7 +364,7 @@ def check_overlay(folder, secrets, version, redis):
     is_single = folder == "overlays/single"
     metrics = run_server(pod, root, None if is_single else redis)
     workers = int(pod.container["resources"]["requests"]["cpu"])
-    check(f"\nevpose_workers {workers}\n" in metrics, folder, "has not a worker for each core")
+    check(f"\nevpose_workers {workers}\n" in metrics, folder, "does not have a worker for each core")
     check(f"\nevpose_max_sessions {pod.environment['EVPOSE_MAX_SESSIONS']}\n" in metrics, folder, "max_sessions")
     if is_single:
         check(pod.deployment["spec"]["strategy"]["type"] == "Recreate", "two writers of one file")

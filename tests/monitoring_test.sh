@@ -68,7 +68,7 @@ services = yaml.safe_load(pathlib.Path("compose.yaml").read_text())["services"]
 mounts = dict(volume.split(":")[:2] for volume in services["grafana"]["volumes"])
 assert mounts["./grafana/provisioning"] == "/etc/grafana/provisioning", "the provisioning files are not mounted"
 assert mounts["./grafana/evpose.json"] == provider["options"]["path"] + "/evpose.json", "the dashboard is not mounted in the provider's directory"
-assert source["url"] == "http://prometheus:9090" and "prometheus" in services, "the data source has not the address of a service"
+assert source["url"] == "http://prometheus:9090" and "prometheus" in services, "the data source does not have the address of a service"
 users = charts + [target for panel in charts for target in panel["targets"]] + dashboard["templating"]["list"]
 for user in users:
     name = user.get("title") or user.get("refId") or user["name"]

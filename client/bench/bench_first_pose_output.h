@@ -16,10 +16,11 @@ extern const char kFirstPoseTableHelp[];
 
 void PrintFirstPoseHeader(std::ostream& out);
 void PrintFirstPoseRow(const FirstPoseBenchRow& row, std::ostream& out);
-// The share of the starts that are found, and the longest time with a wrong pose, with its model.
+// Prints the share of the starts that are found, and the longest time with a wrong pose, with its model.
 void PrintFirstPoseSummary(const std::vector<FirstPoseBenchRow>& rows, std::ostream& out);
-// The causes of the starts that are not found, for --explain; their help text.
+// Help text of --explain: the causes for which a start has no right pose.
 extern const char kStartCauseHelp[];
+// Prints for each model the number of starts by cause.
 void PrintStartCauses(const std::vector<FirstPoseBenchRow>& rows, std::ostream& out);
 Json FirstPoseJson(const std::vector<FirstPoseBenchRow>& rows, const FirstPoseBenchOptions& options);
 

@@ -14,7 +14,7 @@
 namespace evpose::client {
 namespace {
 
-// The system clock; it keeps the time of the first call, which a pacer makes at the first time stamp.
+// The system clock. Stores the time of its first call; a pacer makes this call at the first time stamp.
 class FirstAskedClock final : public Clock {
  public:
   absl::Time Now() override {

@@ -19,15 +19,15 @@ constexpr int64_t kTimeHighUnitUs = 4096;
 constexpr uint16_t kTimeHighType = 0x8;  // in the highest four bits of a word
 constexpr double kLeastSimulatedS = 0.25;
 
-// The slowest scene that has at least this rate: time is stretched, never compressed, so that the object does not move
-// faster than the tracker can follow.
+// Returns the slowest scene that has at least this rate. Time is then stretched and never compressed, so that the
+// object does not move faster than the tracker can follow.
 std::pair<const char*, double> SceneFor(double rate_hz) {
   if (rate_hz <= 1e6) return {"1", 1e6};
   if (rate_hz <= 4e6) return {"4", 4e6};
   return {"10", 1e7};
 }
 
-// The first `num` events, in a first half of `half_us`, and the same events backwards in a second half.
+// Returns the first `num` events, stretched to `half_us`, followed by the same events backwards in as much time.
 std::vector<Event> Fold(const std::vector<Event>& events, size_t num, int64_t half_us) {
   const int64_t begin_us = events.front().t_us;
   const double stretch = static_cast<double>(half_us) / static_cast<double>(events[num - 1].t_us + 1 - begin_us);
@@ -44,7 +44,7 @@ std::vector<Event> Fold(const std::vector<Event>& events, size_t num, int64_t ha
     event.polarity = event.polarity == 0 ? 1 : 0;
     folded.push_back(event);
   }
-  // The order of a sensor within a microsecond, which gives vectors.
+  // Within a microsecond, a sensor sends events in the order of rows. Only then do events form vectors.
   const auto is_before = [](const Event& a, const Event& b) {
     return std::tie(a.t_us, a.y, a.polarity, a.x) < std::tie(b.t_us, b.y, b.polarity, b.x);
   };
@@ -69,7 +69,8 @@ absl::StatusOr<LoadRecording> LoadRecording::Make(double rate_hz, int64_t chunk_
   const int64_t unit_us = std::lcm(chunk_us, kTimeHighUnitUs);
   const auto [name, scene_rate_hz] = SceneFor(rate_hz);
   const double half_unit_s = 0.5e-6 * static_cast<double>(unit_us) * rate_hz / scene_rate_hz;
-  // The rates of the scenes vary with the motion: some more events than half of the shortest period needs.
+  // The rate of a scene varies with its motion. 30 % more time than half of the shortest period is simulated, so that
+  // there are enough events.
   const double simulated_s = std::max(kLeastSimulatedS, 1.3 * half_unit_s);
   EVPOSE_ASSIGN_OR_RETURN(recording.scene_, MakeSpeedRecording(name, std::llround(1e6 * simulated_s), on_progress));
   const std::vector<Event> events = std::move(recording.scene_.events);

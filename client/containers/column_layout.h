@@ -50,7 +50,8 @@ bool IsPolarity(double value);
 // The name of the unit of a ColumnLayout::time_exponent: "s", "ms", "us" or "ns".
 const char* TimeUnit(int time_exponent);
 
-// Seconds (6) if a time has a fraction, else microseconds (0). A value that is no number, such as nan, is no time.
+// Seconds (6) if a time has a fraction, else microseconds (0). A value that is not a number, such as nan, is not a
+// time.
 int UnitOfTimes(absl::Span<const double> times);
 
 }  // namespace evpose::client

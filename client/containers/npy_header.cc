@@ -174,7 +174,7 @@ absl::StatusOr<std::optional<NpyHeader>> ParseNpyHeader(std::string_view prefix)
   if (size > kMaxNpyHeaderBytes) return HeaderError("is above 64 KiB");
   if (prefix.size() < begin + size) return std::nullopt;
   const std::optional<Literal> dictionary = LiteralParser(prefix.substr(begin, size)).Parse();
-  if (!dictionary) return HeaderError("is no dictionary");
+  if (!dictionary) return HeaderError("is not a dictionary");
   NpyHeader header;
   EVPOSE_RETURN_IF_ERROR(ReadDictionary(*dictionary, header));
   header.size_bytes = begin + size;

@@ -113,7 +113,7 @@ absl::Status NotRecognised(const std::string& name, std::string_view prefix) {
   }
   std::string names = "RAW, DAT";
   for (const ContainerFormat* format : kFormats) absl::StrAppend(&names, ", ", std::string(format->name));
-  return absl::InvalidArgumentError(absl::StrCat(name, ": is no recording of a known format: ", names));
+  return absl::InvalidArgumentError(absl::StrCat(name, ": is not a recording of a known format: ", names));
 }
 
 }  // namespace

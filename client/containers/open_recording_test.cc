@@ -214,7 +214,7 @@ TEST(OpenRecordingTest, OtherFormatsAreRefusedWithAdvice) {
               HasSubstr("is a film of frames"));
   EXPECT_THAT(error("\x28\xb5\x2f\xfdxxxx"), HasSubstr("unzstd"));
   EXPECT_THAT(error("MATLAB 5.0 MAT-file"), HasSubstr("save its events as CSV"));
-  EXPECT_THAT(error("nothing of this kind"), HasSubstr("is no recording of a known format: RAW, DAT"));
+  EXPECT_THAT(error("nothing of this kind"), HasSubstr("is not a recording of a known format: RAW, DAT"));
   EXPECT_THAT(error("PK\x03\x04rest"), HasSubstr("is a damaged or truncated ZIP archive"));
   EXPECT_THAT(error(std::string("SQLite format 3\0", 16)), HasSubstr("cannot be read as a rosbag2 file"));
   EXPECT_THAT(error(""), HasSubstr("is empty"));

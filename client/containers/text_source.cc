@@ -183,7 +183,7 @@ class TextSource final : public EventSource {
 
   std::vector<SkippedParts> skipped() const override {
     if (num_unreadable_ == 0) return {};
-    return {{"lines that are no event", num_unreadable_, SkippedParts::Loss::kEvents}};
+    return {{"lines that are not events", num_unreadable_, SkippedParts::Loss::kEvents}};
   }
 
  private:

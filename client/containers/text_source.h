@@ -21,7 +21,7 @@ struct TextLayout {
   bool has_commas = false;
 };
 
-// The layout of the events of a text that begins with `prefix`; nullopt if it is no text with events.
+// The layout of the events of a text that begins with `prefix`; nullopt if it is not a text with events.
 std::optional<TextLayout> FindTextLayout(std::string_view prefix);
 
 }  // namespace evpose::client

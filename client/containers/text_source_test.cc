@@ -81,7 +81,7 @@ TEST(TextSourceTest, DamagedLinesAndImpossibleEventsAreCounted) {
       "10,20,1,1500000\n11,21,0,15x\n11,21\n11,21,7,1500001\n" + std::string(5000, '1') +
       "\n11,21,0,1500001\n99999,1,0,1500002\n1,1,0,-5\n1,1,0,99999999999\n12,22,1,1500003\n12,22,1,1500002\n5,5");
   EXPECT_THAT(recording.events, ElementsAre(kThree[0], kThree[1], kThree[2], Event{1500002, 12, 22, 1}));
-  EXPECT_EQ(recording.num_skipped("lines that are no event"), 5);
+  EXPECT_EQ(recording.num_skipped("lines that are not events"), 5);
   EXPECT_EQ(recording.num_skipped("events with a row or column below 0 or above 16383"), 1);
   EXPECT_EQ(recording.num_skipped("events before time 0"), 1);
   EXPECT_EQ(recording.num_skipped("events more than 35 minutes from the event before"), 1);
@@ -97,7 +97,7 @@ TEST(TextSourceTest, LongLinesAreNoEventsWhereverAReadEnds) {
                                   rows + very_long_event.substr(0, very_long_event.size() - 1)}) {
     const ReadRecording recording = ReadText(text);
     EXPECT_THAT(recording.events, ::testing::ElementsAreArray(kThree));
-    EXPECT_EQ(recording.num_skipped("lines that are no event"), 1);
+    EXPECT_EQ(recording.num_skipped("lines that are not events"), 1);
   }
   for (const std::string& text : {absl::StrCat(rows, "# ", long_event), absl::StrCat(rows, "# ", very_long_event),
                                   absl::StrCat("# ", long_event, rows), absl::StrCat(long_heading, rows)}) {
@@ -119,7 +119,7 @@ TEST(TextSourceTest, LinesWithNanAreNoEventsAndDoNotChangeTheUnit) {
                                   rows + "10,20,nan,0.5\n", "x,y,p,t\nnan,20,1,0.5\n" + rows}) {
     const ReadRecording recording = ReadText(text);
     EXPECT_THAT(recording.events, ::testing::ElementsAreArray(kThree)) << text;
-    EXPECT_EQ(recording.num_skipped("lines that are no event"), 1) << text;
+    EXPECT_EQ(recording.num_skipped("lines that are not events"), 1) << text;
   }
 }
 

@@ -65,7 +65,8 @@ absl::StatusOr<std::unique_ptr<Hdf5Writer>> Hdf5Writer::Create(const std::string
   SetUpLibrary();
   std::error_code error;
   if (std::filesystem::exists(path, error) && !std::filesystem::is_regular_file(path, error)) {
-    return absl::InvalidArgumentError(absl::StrCat(path, ": is no regular file; HDF5 cannot be written to a stream"));
+    return absl::InvalidArgumentError(
+        absl::StrCat(path, ": is not a regular file; HDF5 cannot be written to a stream"));
   }
   constexpr int kMaxSizePx = kEcfMaxCoordinatePx + 1;
   if (header.geometry.width_px > kMaxSizePx || header.geometry.height_px > kMaxSizePx) {

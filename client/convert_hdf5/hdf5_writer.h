@@ -41,7 +41,7 @@ class PeriodIndex {
 class Hdf5Writer {
  public:
   // Writes to a temporary name beside `path`, which Close() renames, and registers it for RemoveTemporaryFiles().
-  // Errors: INVALID_ARGUMENT for a path that is no regular file; UNAVAILABLE if the file cannot be created.
+  // Errors: INVALID_ARGUMENT for a path that is not a regular file; UNAVAILABLE if the file cannot be created.
   static absl::StatusOr<std::unique_ptr<Hdf5Writer>> Create(const std::string& path, const PipeHeader& header);
   ~Hdf5Writer();  // removes the temporary file unless Close() succeeded
   Hdf5Writer(const Hdf5Writer&) = delete;

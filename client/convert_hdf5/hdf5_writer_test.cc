@@ -61,7 +61,7 @@ TEST(Hdf5WriterTest, WhatTheFormatCannotHoldIsAnError) {
   EXPECT_THAT(
       WriteHdf5(path, {.header = {"", {1280, 720}, 0}, .events = {{1, 0, 0, 0}, {day_us + 2, 0, 0, 0}}}).message(),
       HasSubstr("between 1 us and 86400000002 us nothing happens for more than a day"));
-  EXPECT_THAT(WriteHdf5("/dev/null", {.header = {"", {1280, 720}, 0}}).message(), HasSubstr("is no regular file"));
+  EXPECT_THAT(WriteHdf5("/dev/null", {.header = {"", {1280, 720}, 0}}).message(), HasSubstr("is not a regular file"));
   EXPECT_THAT(WriteHdf5(directory.File("none/a.hdf5"), {.header = {"", {1280, 720}, 0}}).message(),
               HasSubstr("none/a.hdf5: cannot be created"));
   EXPECT_TRUE(std::filesystem::is_empty(directory.path()));

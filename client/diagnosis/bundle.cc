@@ -81,7 +81,7 @@ absl::StatusOr<Files> WithoutFolder(Files&& archive) {
   Files files;
   for (auto& [name, contents] : archive) {
     if (!name.starts_with(kFolder)) {
-      return absl::InvalidArgumentError(absl::StrCat("has ", name, " beside ", kFolder, ": it is no bundle"));
+      return absl::InvalidArgumentError(absl::StrCat("has ", name, " beside ", kFolder, ": it is not a bundle"));
     }
     files.emplace(name.substr(sizeof(kFolder) - 1), std::move(contents));
   }

@@ -76,7 +76,7 @@ std::string WhyRefused(const TarHeader& header, size_t rest_bytes) {
   const bool is_directory = header.type == kDirectory;
   const std::string text = TextOf(header.name);
   const std::string name(is_directory ? absl::StripSuffix(text, "/") : absl::string_view(text));
-  if (header.prefix[0] != '\0' || !IsSafeName(name)) return "the name of a member is no plain path in the archive";
+  if (header.prefix[0] != '\0' || !IsSafeName(name)) return "the name of a member is not a plain path in the archive";
   if (header.type != kRegularFile && !is_directory) return absl::StrCat(name, " is a link or another special member");
   const std::optional<int64_t> size = NumberOf(header.size);
   if (!size || (is_directory && *size != 0)) return absl::StrCat(name, " has an invalid size");

@@ -24,7 +24,9 @@ constexpr absl::string_view kStartType = "http://schemas.microsoft.com/3dmanufac
 
 absl::StatusOr<ThreeMfArchive> ThreeMfArchive::Open(const std::string& path) {
   void* const archive = unzOpen64(path.c_str());
-  if (archive == nullptr) return absl::InvalidArgumentError("is no 3MF file: it is no archive, or it is cut off");
+  if (archive == nullptr) {
+    return absl::InvalidArgumentError("is not a 3MF file: it is not an archive, or it is cut off");
+  }
   return ThreeMfArchive(std::shared_ptr<void>(archive, [](void* opened) { unzClose(opened); }));
 }
 
@@ -40,7 +42,7 @@ absl::StatusOr<std::string> ThreeMfArchive::OnlyModel() {
     }
     found = absl::StrCat("/", name);
   }
-  if (found.empty()) return absl::InvalidArgumentError("is no 3MF file: its archive has no .model file");
+  if (found.empty()) return absl::InvalidArgumentError("is not a 3MF file: its archive has no .model file");
   return found;
 }
 

@@ -127,7 +127,7 @@ TEST_F(ThreeMfReaderTest, TheStartPartIsTheOneOfTheRelationshipsOrTheOnlyOne) {
   EXPECT_TRUE(Read({{"a.model", empty}, {"3D/3dmodel.model", model}, {"_rels/.rels", kRelationships}}).ok());
   EXPECT_THAT(std::string(Read({{"a.model", empty}, {"b.model", model}}).status().message()),
               HasSubstr("its archive has several .model files"));
-  EXPECT_EQ(Read({{"a.txt", model}}).status().message(), "is no 3MF file: its archive has no .model file");
+  EXPECT_EQ(Read({{"a.txt", model}}).status().message(), "is not a 3MF file: its archive has no .model file");
   EXPECT_EQ(Read({{"_rels/.rels", kRelationships}}).status().message(), "its archive has no 3D/3dmodel.model");
 }
 

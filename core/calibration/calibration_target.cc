@@ -198,7 +198,7 @@ absl::StatusOr<CalibrationTarget> ParseCalibrationTarget(const std::string& page
   double width_mm = 0.0, height_mm = 0.0;
   if (sides.size() != 2 || !absl::SimpleAtod(sides[0], &width_mm) || !absl::SimpleAtod(sides[1], &height_mm)) {
     return absl::InvalidArgumentError(
-        absl::StrCat("\"", page, "\" is no page: A4, A3, letter, or WIDTHxHEIGHT in millimetres such as 600x400mm"));
+        absl::StrCat("\"", page, "\" is not a page: A4, A3, letter, or WIDTHxHEIGHT in millimetres such as 600x400mm"));
   }
   return MakeCalibrationTarget(width_mm, height_mm);
 }

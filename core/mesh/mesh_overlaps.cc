@@ -85,7 +85,7 @@ Polygon2d ClipByTriangle(Polygon2d polygon, const Triangle2d& triangle) {
   return polygon;
 }
 
-// Whether the budget suffices. If not, it is then 0.
+// Takes `cost` from the budget. Returns false, and sets the budget to 0, if it does not suffice.
 bool Spend(size_t cost, size_t& budget) {
   const bool suffices = budget >= cost;
   budget -= std::min(cost, budget);
@@ -93,13 +93,13 @@ bool Spend(size_t cost, size_t& budget) {
 }
 
 // Whether counter-clockwise triangles cover a triangle up to a strip along its sides that is one tolerance wide. Each
-// piece of the triangle that is cut takes one from `budget`; false if it ends.
+// piece that is cut from the triangle takes one from `budget`. Returns false if the budget does not suffice.
 bool AreCovering(const std::vector<Triangle2d>& covers, const Triangle2d& triangle, double tolerance_m,
                  size_t& budget) {
   double perimeter = 0.0;
   for (size_t i = 0; i < 3; ++i) perimeter += (triangle[(i + 1) % 3] - triangle[i]).norm();
   std::vector<Polygon2d> pieces(1, Polygon2d(triangle.begin(), triangle.end())), rest;
-  // The area of the strip, which of a narrow triangle would be all of it: at most a hundredth.
+  // The area of the strip, at most a hundredth of the triangle: a narrow triangle would lie in the strip as a whole.
   const double total = PolygonArea(pieces[0]), negligible = std::min(tolerance_m * perimeter, 0.01 * total);
   if (!Spend(covers.size(), budget)) return false;
   // The covered area is at most the sum of the areas of the covers, and at most the sum of the areas that the triangle
@@ -198,7 +198,7 @@ class OverlapRemover {
       // The tolerance is at least eight roundings of a coordinate to float.
       const Eigen::Vector3f margin = Eigen::Vector3f::Constant(static_cast<float>(2.0 * tolerance_m_));
       query = Eigen::AlignedBox3f(query.min() - margin, query.max() + margin);
-      // The triangles of a shell of its own would be found in vain: those of a fan are all near to each other.
+      // The triangles of a shell of its own would be found but not needed: those of a fan are all near to each other.
       if (shell_of_[t] != largest) {
         bool meets_other = false;
         report_.is_complete &=
@@ -397,9 +397,9 @@ class OverlapRemover {
   std::vector<Eigen::Vector3d> normals_;  // normals of the triangles, unit
   std::vector<uint32_t> other_shells_;
   std::vector<std::pair<uint32_t, uint32_t>> pairs_;
-  std::vector<bool> is_copy_;    // covered by triangles with the same winding that are no copies
+  std::vector<bool> is_copy_;    // covered by triangles with the same winding that are not copies
   std::vector<bool> is_wall_;    // covered by triangles with the opposite winding
-  std::vector<bool> is_second_;  // covered by such of them that are not second
+  std::vector<bool> is_second_;  // covered by those of them that are not second
   std::vector<EdgeUse> uses_;
   OverlapReport report_;
 };

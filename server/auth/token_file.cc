@@ -75,7 +75,7 @@ void LogTokens(const std::string& path, const absl::StatusOr<TokenTable>& table)
 absl::Status ValidateTenant(absl::string_view tenant) {
   if (IsTenant(tenant)) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat("\"", absl::CHexEscape(tenant.substr(0, kMaxTenantBytes + 1)),
-                                                 "\" is no tenant's name: ", kTenantRule));
+                                                 "\" is not a tenant's name: ", kTenantRule));
 }
 
 absl::StatusOr<NewToken> MakeToken(absl::string_view tenant, bool is_operator) {
@@ -124,7 +124,7 @@ absl::Status TokenTable::AddLine(absl::string_view line) {
         "`operator`");
   }
   if (!IsTenant(fields[0]) || IsHexDigest(fields[0])) {
-    return absl::InvalidArgumentError(absl::StrCat("the first field is no tenant's name: ", kTenantRule));
+    return absl::InvalidArgumentError(absl::StrCat("the first field is not a tenant's name: ", kTenantRule));
   }
   if (!IsHexDigest(fields[1])) {
     return absl::InvalidArgumentError(

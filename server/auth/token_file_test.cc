@@ -38,9 +38,11 @@ TEST(TokenTableTest, TenantAndRole) {
 TEST(TokenTableTest, ErrorsNameTheLine) {
   const std::string good = absl::StrCat("lab ", kAbc, "\n");
   EXPECT_THAT(ParseError(good + "lab\n"), HasSubstr("tokens:2: has one field only: write TENANT"));
-  EXPECT_THAT(ParseError(absl::StrCat(good, "\n-lab ", kEmpty)), HasSubstr("tokens:3: the first field is no tenant"));
-  EXPECT_THAT(ParseError(absl::StrCat(std::string(64, 'x'), " ", kEmpty)), HasSubstr("the first field is no tenant"));
-  EXPECT_THAT(ParseError(absl::StrCat(kEmpty, " lab")), HasSubstr("the first field is no tenant"));
+  EXPECT_THAT(ParseError(absl::StrCat(good, "\n-lab ", kEmpty)),
+              HasSubstr("tokens:3: the first field is not a tenant"));
+  EXPECT_THAT(ParseError(absl::StrCat(std::string(64, 'x'), " ", kEmpty)),
+              HasSubstr("the first field is not a tenant"));
+  EXPECT_THAT(ParseError(absl::StrCat(kEmpty, " lab")), HasSubstr("the first field is not a tenant"));
   EXPECT_THAT(ParseError(absl::StrCat("lab ", kAbc, " root")),
               HasSubstr("tokens:1: only the word `operator` may follow"));
   EXPECT_THAT(ParseError(absl::StrCat("lab ", kAbc, " operator x")),

@@ -60,7 +60,7 @@ TEST_F(WatchedFileTest, AfterAnErrorOfReadingItIsReadAgainOncePerSecond) {
 }
 
 TEST_F(WatchedFileTest, AnErrorOfTheContentsRemainsUntilTheFileChanges) {
-  error_ = absl::InvalidArgumentError("file:1: is no line");
+  error_ = absl::InvalidArgumentError("file:1: is not a line");
   files_.Write("file", "wrong");
   EXPECT_EQ(*file_->Current(), "first");
   now_ += std::chrono::hours(1);

@@ -75,7 +75,7 @@ TEST(ProgramTest, ReportsWrongUsage) {
       {{"--tls-cert", "c"}, "--tls-cert needs --tls-key"},
       {{"--listen", "0.0.0.0:0", "--token-file", "t"}, "nothing is encrypted"},
       {{"--listen", "0.0.0.0:0", "--tls-cert", "c", "--tls-key", "k"}, "anybody may use the server"},
-      {{"--new-token", "two words"}, "is no tenant's name"},
+      {{"--new-token", "two words"}, "is not a tenant's name"},
       {{"--operator"}, "--new-token"},
       {{"--max-sessions", "0"}, "--max-sessions: is 0;"},
       {{"--max-session-memory", "1000"}, "--max-session-memory: is 1000;"},

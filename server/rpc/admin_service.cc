@@ -18,7 +18,7 @@ namespace {
 
 absl::Status CheckIsOperator(const Caller& caller, absl::string_view action) {
   if (caller.is_operator) return absl::OkStatus();
-  return WithReason(absl::PermissionDeniedError(absl::StrCat("the caller is no operator and may not ", action,
+  return WithReason(absl::PermissionDeniedError(absl::StrCat("the caller is not an operator and may not ", action,
                                                              ": use a token that the token file marks as `operator`")),
                     v1::NOT_OPERATOR);
 }

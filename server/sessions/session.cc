@@ -19,8 +19,8 @@
 namespace evpose::server {
 namespace {
 
-// A client may have kept the data of its camera for this time before it found the server that has restored its session:
-// by default it searches no longer.
+// Longest time for which a client keeps the data of its camera while it searches for the server that has restored its
+// session: the default of its retries.
 constexpr std::chrono::seconds kLongestSearch{120};
 
 StreamGate::Options GateOptions(const SessionConfig& config, const SessionLimits& limits,

@@ -34,7 +34,7 @@ def load(path):
     except OSError as error:
         fail(f"{path}: {error.strerror}")
     except (ValueError, KeyError, TypeError):
-        fail(f"{path}: is no table of `evpose bench speed --out`")
+        fail(f"{path}: is not a table of `evpose bench speed --out`")
     if not table:
         fail(f"{path}: the table has no rows")
     return table

@@ -109,7 +109,7 @@ TEST_F(AuthenticationCliTest, TokenFilesThatCannotBeUsed) {
   std::filesystem::permissions(Path("tokens"), static_cast<std::filesystem::perms>(0600));
   EXPECT_THAT(
       List(*plain_, {"--token-file", Path("tokens")}).err,
-      AllOf(HasSubstr(Path("tokens") + ": is no token"), HasSubstr("a server's list of tokens is none either")));
+      AllOf(HasSubstr(Path("tokens") + ": is not a token"), HasSubstr("a server's list of tokens is not a token")));
 }
 
 TEST_F(AuthenticationCliTest, OptionsOfTls) {
@@ -169,10 +169,10 @@ TEST_F(AuthenticationCliTest, DrainAndLogLevelNeedAnOperator) {
   };
   const CliResult drain = run({"sessions", "drain"});
   EXPECT_EQ(drain.status, 1);
-  EXPECT_THAT(drain.err, HasSubstr("the caller is no operator and may not drain the server"));
+  EXPECT_THAT(drain.err, HasSubstr("the caller is not an operator and may not drain the server"));
   const CliResult level = run({"server", "log-level", "debug"});
   EXPECT_EQ(level.status, 1);
-  EXPECT_THAT(level.err, HasSubstr("the caller is no operator and may not set the log level"));
+  EXPECT_THAT(level.err, HasSubstr("the caller is not an operator and may not set the log level"));
   EXPECT_EQ(run({"server", "log-level", "loud"}).status, 2);
   const CliResult info = run({"server", "info", "--json"});
   EXPECT_EQ(info.status, 0) << info.err;
@@ -246,7 +246,7 @@ TEST_F(AuthenticationCliTest, TheNameInACertificateIsTheTenant) {
   EXPECT_EQ(list("field"), "");
   std::vector<std::string> drain = as("lab");
   drain.insert(drain.begin(), {"sessions", "drain"});
-  EXPECT_THAT(Run(drain).err, HasSubstr("the caller is no operator"));
+  EXPECT_THAT(Run(drain).err, HasSubstr("the caller is not an operator"));
 }
 
 TEST_F(AuthenticationCliTest, TheCommandsOfTheReadmeWorkAsPrinted) {

@@ -154,7 +154,7 @@ TEST_F(ConvertTest, InfoDescribesAFileOfAnotherProgram) {
   EXPECT_EQ(Info(Path("a.txt"))["skipped"][0]["count"], 1);
   const CliResult text = Run({"info", Path("a.txt")});
   EXPECT_THAT(text.out, HasSubstr("304x240 (not stated: the smallest known sensor that contains all events)"));
-  EXPECT_THAT(text.out, HasSubstr("left out   1 lines that are no event"));
+  EXPECT_THAT(text.out, HasSubstr("left out   1 lines that are not events"));
   const std::string arrays = FindTestData("containers/event_arrays.db3");
   EXPECT_EQ(Info(arrays)["time_offset_us"], 1700000000005000);
   EXPECT_EQ(Info(arrays)["t_first_us"], 0);

@@ -131,7 +131,7 @@ TEST_F(DoctorTest, LinesThatAreNoEventsAreAProblem) {
   WriteText("damaged.csv", events + garbage);
   const CliResult damaged = Run({"doctor", Path("damaged.csv")});
   EXPECT_EQ(damaged.status, 1);
-  EXPECT_THAT(damaged.out, HasSubstr("left out: 2000 lines that are no event"));
+  EXPECT_THAT(damaged.out, HasSubstr("left out: 2000 lines that are not events"));
   EXPECT_THAT(damaged.err, HasSubstr("problems were found: decoding"));
 }
 

@@ -146,7 +146,7 @@ TEST_F(ViewCommandTest, WrongUseNamesTheOption) {
   EXPECT_THAT(Run({"view"}).err, HasSubstr("give --server HOST:PORT, or a recording"));
   EXPECT_THAT(Run({"view", "a.raw", "--camera", "c.yaml", "--model", "m.obj"}).err, HasSubstr("give --poses, too"));
   EXPECT_THAT(Run({"view", "a.raw", "--poses", "p.csv", "--model", "m.obj"}).err, HasSubstr("give --camera, too"));
-  EXPECT_THAT(Run({"view", "a.raw", "--server", "127.0.0.1:1"}).err, HasSubstr("\"a.raw\" is no session"));
+  EXPECT_THAT(Run({"view", "a.raw", "--server", "127.0.0.1:1"}).err, HasSubstr("\"a.raw\" is not a session"));
   const CliResult session = Run({"view", "sessions/abc"});
   EXPECT_EQ(session.status, 2);
   EXPECT_THAT(session.err, HasSubstr("evpose view: sessions/abc is a session: give --server HOST:PORT, too; "));

@@ -109,7 +109,7 @@ class File:
         elif kind in ("message", "oneof") and (field := FIELD.match(code)):
             name = field.group(2)
             message = owner if kind == "message" else self.scopes[-2][1]
-            # One member of a oneof is given; whether it is required is said of the oneof.
+            # One member of a oneof is given; the comment of the oneof states whether it is required.
             self.fields.append((message, name, field.group(1), comment if kind == "message" else None, number))
             if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
                 self.report(number, f"field {name} is not lower_snake_case")
@@ -124,7 +124,7 @@ class File:
         if count == 0 and (value != 0 or name != prefix + "UNSPECIFIED"):
             self.report(number, f"the first value of {enum} is not {prefix}UNSPECIFIED = 0")
         if enum not in UNPREFIXED_ENUMS and not name.startswith(prefix):
-            self.report(number, f"{name} has not the prefix {prefix}")
+            self.report(number, f"{name} does not have the prefix {prefix}")
         if not re.fullmatch(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*", name):
             self.report(number, f"{name} is not UPPER_SNAKE_CASE")
 

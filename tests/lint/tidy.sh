@@ -52,7 +52,7 @@ case "${1:-}" in
   "" | --since)
     [[ $# -ne 1 ]] || { echo "usage: $0 [--since REV | --all | FILE.cc ...]" >&2; exit 2; }
     base=${2:-$(default_base)}
-    git rev-parse --verify --quiet "$base^{commit}" >/dev/null || { echo "tidy: $base is no revision" >&2; exit 2; }
+    git rev-parse --verify --quiet "$base^{commit}" >/dev/null || { echo "tidy: $base is not a revision" >&2; exit 2; }
     echo "tidy: files that differ from $(git rev-parse --short "$base")"
     mapfile -t files < <(files_since "$base")
     ;;

@@ -93,7 +93,7 @@ std::string DescribeField(const std::string& key, const nlohmann::json& expected
 std::string DescribeLines(const std::string& expected_line, const std::string& found_line) {
   const auto expected = nlohmann::json::parse(expected_line, nullptr, /*allow_exceptions=*/false);
   const auto found = nlohmann::json::parse(found_line, nullptr, /*allow_exceptions=*/false);
-  if (!expected.is_object() || !found.is_object()) return "a line that is no pose";
+  if (!expected.is_object() || !found.is_object()) return "a line that is not a pose";
   std::vector<std::string> texts;
   for (const auto& [key, value] : expected.items()) {
     const nlohmann::json other = found.value(key, nlohmann::json());

@@ -31,7 +31,7 @@ struct PoseComparison {
   bool is_identical() const { return first_difference.empty(); }
   Json ToJson() const;
 };
-// Compares two lists of poses. Errors: INVALID_ARGUMENT with `name` and the line for a line that is no pose.
+// Compares two lists of poses. Errors: INVALID_ARGUMENT with `name` and the line for a line that is not a pose.
 absl::StatusOr<PoseComparison> ComparePoses(const std::string& expected, const std::string& found,
                                             const std::string& name);
 

@@ -60,7 +60,7 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
   EVPOSE_RETURN_IF_ERROR(CheckHasPage());
   if (!arguments.what.empty() && !IsSessionName(arguments.what)) {
     return UsageError(absl::StrCat("\"", arguments.what,
-                                   "\" is no session: with --server, give sessions/ID, as "
+                                   "\" is not a session: with --server, give sessions/ID, as "
                                    "`evpose sessions list` prints it, or nothing"));
   }
   EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());

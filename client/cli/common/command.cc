@@ -37,8 +37,8 @@ absl::StatusOr<std::string> CheckedToken(absl::string_view text, const std::stri
   const std::string token(absl::StripAsciiWhitespace(text));
   if (IsToken(token)) return token;
   return absl::InvalidArgumentError(
-      absl::StrCat(source, ": is no token, which has no spaces and no line feeds inside; a server's list of tokens is ",
-                   "none either: give the token that evpose-server --new-token printed"));
+      absl::StrCat(source, ": is not a token. A token has no spaces and no line feeds inside, and a server's list of ",
+                   "tokens is not a token; give the token that evpose-server --new-token printed"));
 }
 
 absl::StatusOr<std::string> ReadToken(const std::string& path) {

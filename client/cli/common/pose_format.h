@@ -76,7 +76,7 @@ struct PoseFrameArguments {
   absl::StatusOr<PoseFrame> Read() const;
 };
 
-// kMcap is no text: PoseRecorder writes it.
+// kMcap is not a text format: PoseRecorder writes it.
 enum class PoseFormat { kTum, kCsv, kJsonLines, kMcap };
 
 // Why a file has no pose although there are poses.

@@ -140,7 +140,7 @@ TEST(PoseReaderTest, ErrorsNameTheLineAndTheCause) {
   EXPECT_THAT(message(Csv({SomePose(5), SomePose(6, "book")})),
               HasSubstr("some.csv:3: holds poses of cube and of book"));
   EXPECT_THAT(message(absl::StrCat(Csv({SomePose(5)}), "1,2\n")), HasSubstr("some.csv:3: has 2 fields"));
-  EXPECT_THAT(message("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\n1,0,0,0,3,2,x,7\n"), HasSubstr("\"x\" is no number"));
+  EXPECT_THAT(message("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\n1,0,0,0,3,2,x,7\n"), HasSubstr("\"x\" is not a number"));
   EXPECT_THAT(message("qw,qz,qy,qx,tz_m,ty_m,tx_m,t_us\n1,0,1,0,3,2,1,7\n"), HasSubstr("some.csv:2"));
 }
 
@@ -204,11 +204,11 @@ TEST(PoseRecordsTest, LossesMayBeAbsentOrOfALaterVersion) {
   EXPECT_TRUE(VisitJsonPoses(fields + R"(,"lost_at_us":7,"loss_cause":"SOMETHING"})", "p.jsonl", keep).ok());
   EXPECT_TRUE(losses.at(0) == (Loss{7, LossCause::kUnknown}) && losses.at(1) == losses[0]);
   EXPECT_EQ(VisitCsvPoses(header + numbers + ",soon,UNCERTAIN\n", "p.csv", keep).status().message(),
-            "p.csv:2: lost_at_us: \"soon\" is no time in microseconds");
+            "p.csv:2: lost_at_us: \"soon\" is not a time in microseconds");
   EXPECT_EQ(VisitJsonPoses(fields + R"(,"lost_at_us":"soon"})", "p.jsonl", keep).status().message(),
-            "p.jsonl:1: lost_at_us is no number");
+            "p.jsonl:1: lost_at_us is not a number");
   EXPECT_EQ(VisitJsonPoses(fields + R"(,"lost_at_us":7,"loss_cause":7})", "p.jsonl", keep).status().message(),
-            "p.jsonl:1: loss_cause is no text");
+            "p.jsonl:1: loss_cause is not a string");
 }
 
 TEST(PoseRecordsTest, AQuaternionKeepsItsDigits) {
@@ -294,12 +294,12 @@ TEST(PoseRecordsTest, ErrorsOfJsonLinesNameLineAndField) {
   EXPECT_EQ(message("{\"t_us\":1," + pose + "}\n"), "");
   EXPECT_EQ(message("\n[1]\n"), "p.jsonl:2: is no JSON object");
   EXPECT_EQ(message("{" + pose + "}"), "p.jsonl:1: has no t_us");
-  EXPECT_EQ(message("{\"t_us\":\"1\"," + pose + "}"), "p.jsonl:1: t_us is no number");
+  EXPECT_EQ(message("{\"t_us\":\"1\"," + pose + "}"), "p.jsonl:1: t_us is not a number");
   EXPECT_EQ(message("{\"t_us\":1,\"translation_m\":[1,2],\"quaternion_xyzw\":[0,0,0,1]}"),
-            "p.jsonl:1: translation_m is no list of 3 numbers");
+            "p.jsonl:1: translation_m is not a list of 3 numbers");
   EXPECT_EQ(message("{\"t_us\":1}"), "p.jsonl:1: has no translation_m and quaternion_xyzw");
   EXPECT_EQ(message("{\"t_us\":1," + pose + ",\"covariance_upper\":[1]}"),
-            "p.jsonl:1: covariance_upper is no list of 21 numbers");
+            "p.jsonl:1: covariance_upper is not a list of 21 numbers");
 }
 
 }  // namespace

@@ -99,7 +99,7 @@ class PoseTable {
   static absl::StatusOr<double> Number(absl::string_view text) {
     double value = 0.0;
     if (absl::SimpleAtod(text, &value)) return value;
-    return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is no number"));
+    return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is not a number"));
   }
   absl::Status ReadAlternatives(const Fields& fields, Pose& pose) const;
   absl::Status ReadLoss(const Fields& fields, Pose& pose) const;
@@ -175,7 +175,7 @@ absl::Status PoseTable::ReadLoss(const Fields& fields, Pose& pose) const {
   Loss loss = {.cause = CauseOfName(fields[*loss_cause_])};
   if (!absl::SimpleAtoi(fields[*lost_at_], &loss.t_us)) {
     return absl::InvalidArgumentError(
-        absl::StrCat(kLossTimeColumn, ": \"", fields[*lost_at_], "\" is no time in microseconds"));
+        absl::StrCat(kLossTimeColumn, ": \"", fields[*lost_at_], "\" is not a time in microseconds"));
   }
   pose.latest_loss = loss;
   return absl::OkStatus();
@@ -189,10 +189,10 @@ absl::StatusOr<FilePose> PoseTable::Read(const Fields& fields) const {
   pose.state = state_ ? StateOfName(fields[*state_]) : TrackState::kTracking;
   if (object_id_) pose.object_id = std::string(fields[*object_id_]);
   if (!absl::SimpleAtoi(fields[t_us_], &pose.t_us)) {
-    return absl::InvalidArgumentError(absl::StrCat("\"", fields[t_us_], "\" is no time in microseconds"));
+    return absl::InvalidArgumentError(absl::StrCat("\"", fields[t_us_], "\" is not a time in microseconds"));
   }
   if (seq_ && !absl::SimpleAtoi(fields[*seq_], &pose.seq)) {
-    return absl::InvalidArgumentError(absl::StrCat("\"", fields[*seq_], "\" is no number of a pose"));
+    return absl::InvalidArgumentError(absl::StrCat("\"", fields[*seq_], "\" is not the number of a pose"));
   }
   PoseNumbers v = {};
   for (size_t i = 0; i < v.size(); ++i) {
@@ -243,12 +243,12 @@ class JsonFields {
     bool is_right = found->is_array() && found->size() == count;
     for (size_t i = 0; is_right && i < count; ++i) is_right = (*found)[i].is_number();
     if (is_right) return found->get<std::vector<double>>();
-    return absl::InvalidArgumentError(absl::StrCat(name, " is no list of ", count, " numbers"));
+    return absl::InvalidArgumentError(absl::StrCat(name, " is not a list of ", count, " numbers"));
   }
   absl::Status Number(const char* name, double& value) const {
     const auto found = json_.find(name);
     if (found == json_.end()) return absl::OkStatus();
-    if (!found->is_number()) return absl::InvalidArgumentError(absl::StrCat(name, " is no number"));
+    if (!found->is_number()) return absl::InvalidArgumentError(absl::StrCat(name, " is not a number"));
     value = found->get<double>();
     return absl::OkStatus();
   }
@@ -257,7 +257,7 @@ class JsonFields {
   absl::Status Integer(const char* name, Value& value) const {
     const auto found = json_.find(name);
     if (found == json_.end()) return absl::OkStatus();
-    if (!found->is_number()) return absl::InvalidArgumentError(absl::StrCat(name, " is no number"));
+    if (!found->is_number()) return absl::InvalidArgumentError(absl::StrCat(name, " is not a number"));
     if (const std::optional<Value> integer = IntegerOf<Value>(*found)) {
       value = *integer;
       return absl::OkStatus();
@@ -269,7 +269,7 @@ class JsonFields {
   absl::Status Text(const char* name, std::string& text) const {
     const auto found = json_.find(name);
     if (found == json_.end()) return absl::OkStatus();
-    if (!found->is_string()) return absl::InvalidArgumentError(absl::StrCat(name, " is no text"));
+    if (!found->is_string()) return absl::InvalidArgumentError(absl::StrCat(name, " is not a string"));
     text = found->get<std::string>();
     return absl::OkStatus();
   }
@@ -287,7 +287,7 @@ class JsonFields {
 absl::Status ReadJsonAlternatives(const nlohmann::json& json, Pose& pose) {
   const auto list = json.find("alternatives");
   if (list == json.end()) return absl::OkStatus();
-  if (!list->is_array()) return absl::InvalidArgumentError("alternatives is no list");
+  if (!list->is_array()) return absl::InvalidArgumentError("alternatives is not a list");
   for (const nlohmann::json& item : *list) {
     const JsonFields fields(item);
     PoseAlternative alternative;

@@ -35,7 +35,7 @@ absl::Status RefuseMcap(const std::string& path, const std::string& formats = ".
 // Calls `visit` for each pose in the order of the file, which is read as TUM unless its name ends in .csv or .jsonl.
 // A .csv file is read by its header: t_us, tx_m to tz_m, qx to qw, and the other columns of PoseHeader() if they
 // are present, in any order and among other columns. Errors name the file and the line: those of ReadFile(), of
-// RefuseMcap() and of `visit`, and INVALID_ARGUMENT for a line that is no pose.
+// RefuseMcap() and of `visit`, and INVALID_ARGUMENT for a line that is not a pose.
 absl::StatusOr<PoseFileFacts> VisitPoses(const std::string& path, PoseVisitor visit);
 absl::StatusOr<PoseFileFacts> VisitCsvPoses(absl::string_view text, const std::string& name_for_errors,
                                             PoseVisitor visit);

@@ -30,7 +30,7 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenSeenBy(const CameraModel& c
 // Shows the share of a recording that was read, in percent of its bytes or, if its size is unknown, in megabytes.
 void ShowReading(const EventReader& events, const RecordingReader& recording, ProgressLine& progress);
 
-// "3 lines that are no event, 1 damaged chunks"
+// "3 lines that are not events, 1 damaged chunks"
 std::string DescribeSkipped(const std::vector<SkippedParts>& skipped);
 Json SkippedJson(const std::vector<SkippedParts>& skipped);
 

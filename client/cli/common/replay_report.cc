@@ -101,7 +101,7 @@ std::vector<Loss> ReplayReport::LossesOf(const ObjectHealth& object) const {
 std::string ReplayReport::DescribeLosses(const ObjectHealth& object) const {
   constexpr size_t kMaxPrinted = 5;
   const std::vector<Loss> losses = LossesOf(object);
-  // The reason for the missing pose has the only loss.
+  // If there is one loss and the object is still lost, the reason for the missing pose states it already.
   if (losses.empty() || (losses.size() == 1 && object.state == TrackState::kLost)) return "";
   std::vector<std::string> parts;
   for (size_t i = 0; i < std::min(losses.size(), kMaxPrinted); ++i) {

@@ -73,7 +73,7 @@ def _vector(values: npt.ArrayLike, count: int, name: str) -> Matrix:
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):  # NumPy: not numbers, or lists of different lengths
-        raise InvalidArgumentError(f"{name}: is no array of numbers") from None
+        raise InvalidArgumentError(f"{name}: is not an array of numbers") from None
     if array.shape != (count,):
         raise InvalidArgumentError(f"{name}: has the shape {array.shape}, but must have {count} numbers, shape ({count},)")
     if not np.isfinite(array).all():
@@ -110,7 +110,7 @@ class Transform:
         try:
             m = np.asarray(matrix, dtype=np.float64)
         except (TypeError, ValueError):
-            raise InvalidArgumentError("transform: is no array of numbers") from None
+            raise InvalidArgumentError("transform: is not an array of numbers") from None
         if m.shape not in ((4, 4), (3, 4)):
             raise InvalidArgumentError(f"a transform is a 4x4 or 3x4 matrix, not one of shape {m.shape}")
         rotation = m[:3, :3]

@@ -53,8 +53,8 @@ class TransformTest(unittest.TestCase):
     def test_wrong_transforms(self):
         make = evpose.Transform.from_quaternion
         for t, q, words in (([0, 0], [0, 0, 0, 1], "3 numbers"), ([0, 0, 0], [0, 0, 0, 1.1], "its norm is 1.1"),
-                            ([0, 0, np.nan], [0, 0, 0, 1], "finite"), ([0, 0, "a"], [0, 0, 0, 1], "translation_m: is no array of numbers"),
-                            ([0, 0, 0], [[0], [0, 1]], "quaternion_xyzw: is no array of numbers")):
+                            ([0, 0, np.nan], [0, 0, 0, 1], "finite"), ([0, 0, "a"], [0, 0, 0, 1], "translation_m: is not an array of numbers"),
+                            ([0, 0, 0], [[0], [0, 1]], "quaternion_xyzw: is not an array of numbers")):
             self.assertIn(words, self.refused(evpose.InvalidArgumentError, make, t, q))
         for matrix, words in ((np.eye(3), "shape (3, 3)"), (2 * np.eye(4), "not a rotation"), (np.diag([1, 1, -1, 1]), "reflection"),
                               ([["a"]], "no array of numbers")):

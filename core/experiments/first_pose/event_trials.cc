@@ -24,10 +24,11 @@
 namespace evpose {
 namespace {
 
-// Microseconds of events in which a first pose counts as found in time: 50 ms, as in the table of README.md.
+// Microseconds of events in which a first pose counts as found in time: 50 ms, as in core/experiments/RESULTS.md,
+// The first pose.
 constexpr int64_t kBudgetUs = 50'000;
 constexpr int64_t kStepUs = 1000;  // microseconds of events per call
-// Share of the simulation in the work: it takes longer than the starts.
+// Share of the progress for the simulation, which takes longer than the starts.
 constexpr double kSimulationShare = 0.6;
 
 absl::StatusOr<SimulationOptions> MakeScene(const EventTrialOptions& options, int64_t duration_us, uint64_t seed) {
@@ -41,7 +42,7 @@ absl::StatusOr<SimulationOptions> MakeScene(const EventTrialOptions& options, in
   return scene;
 }
 
-// Share of the work from `begin` to `end`.
+// Reports `ratio` of the part of the progress from `begin` to `end`. Error: CANCELLED.
 absl::Status Report(const TrialProgress& on_progress, double begin, double end, double ratio) {
   if (!on_progress || on_progress(begin + (end - begin) * ratio)) return absl::OkStatus();
   return absl::CancelledError("interrupted");

@@ -44,7 +44,7 @@ TEST(ResumeTokenTest, OnlyTheCurrentAndAnUnconfirmedPreviousTokenAreGood) {
   EXPECT_FALSE(IsDigestValid(TokenDigest("older"), both));
   const SessionLifecycle one = {.token_digest = TokenDigest("new")};
   EXPECT_FALSE(IsDigestValid(TokenDigest("old"), one));
-  EXPECT_FALSE(IsDigestValid("", one)) << "an absent previous token is no token";
+  EXPECT_FALSE(IsDigestValid("", one)) << "an absent previous token is not a token";
 }
 
 TEST_F(StreamGateTest, StartsDetachedAndOpen) {

@@ -25,7 +25,7 @@ from evpose.v1 import track_pb2
 
 SERVICE = "/evpose.v1.SessionService/"
 TRACK = SERVICE + "Track"
-# Server's chunks must have room for a word of every encoding.
+# Bytes of the longest word of any encoding. The limit of a chunk that a server states must not be smaller.
 _WORD_BYTES = 8
 _SHORTEST_KEEP_ALIVE_S = 0.005
 _FROM_TO_JSON = "give the text of TrackPosition.to_json()"
