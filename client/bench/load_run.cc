@@ -84,14 +84,14 @@ class LoadRun {
   absl::Status Start() {
     ptrdiff_t num_responses = 0;
     Time responded_at = begin_;
-    bool is_away = false;
+    bool is_unreachable = false;
     const auto is_over = [&](Time now) {
       if (const ptrdiff_t num = NumResponses(); num > num_responses) {
         num_responses = num;
         responded_at = now;
       }
-      is_away = now - responded_at >= absl::ToChronoMicroseconds(options_.max_outage);
-      return is_away || num_responses == std::ssize(users_);
+      is_unreachable = now - responded_at >= absl::ToChronoMicroseconds(options_.max_outage);
+      return is_unreachable || num_responses == std::ssize(users_);
     };
     if (!Until(is_over, 0.0)) return absl::CancelledError("interrupted");
     if (num_responses == std::ssize(users_)) return absl::OkStatus();

@@ -130,10 +130,11 @@ void VirtualUser::OnCreated(const grpc::Status& grpc_status) {
   }
   ++counts_.refusals[ReasonName(status)];
   const absl::Duration retry_in = GetDetails(status).retry_in;
-  const bool is_away = absl::IsUnavailable(status) || absl::IsDeadlineExceeded(status);
-  has_response_ |= !is_away;
-  if ((retry_in == absl::ZeroDuration() && !is_away) || goal_ == Goal::kCancel) return ChangeState(UserInput::kStop);
-  if (!is_away) request_id_.clear();
+  const bool is_unreachable = absl::IsUnavailable(status) || absl::IsDeadlineExceeded(status);
+  has_response_ |= !is_unreachable;
+  const bool is_final = retry_in == absl::ZeroDuration() && !is_unreachable;
+  if (is_final || goal_ == Goal::kCancel) return ChangeState(UserInput::kStop);
+  if (!is_unreachable) request_id_.clear();
   // A server that is full may not be the only one.
   server_ = (server_ + 1) % target_.stubs.size();
   act_at_ = now_ + absl::ToChronoMicroseconds(std::max(retry_in, backoff_.Next()));

@@ -291,7 +291,7 @@ absl::Status Client::DeleteModel(const std::string& name) {
   request.set_name(name);
   const auto call = [&](const Endpoint& endpoint, absl::Time deadline) {
     auto deleted = Impl::UnaryAt(endpoint, deadline, &Endpoint::models, &Models::DeleteModel, request);
-    request.set_allow_missing(true);  // the server may have deleted the model before it went away
+    request.set_allow_missing(true);  // the server may have deleted the model before it became unreachable
     return deleted;
   };
   return impl_->AtAnyServer(call).status();
@@ -322,7 +322,7 @@ absl::StatusOr<v1::CreateSessionResponse> Client::Impl::CreateWhereRoomIs(const 
 absl::StatusOr<Session> Client::CreateSession(const SessionConfig& config, const std::string& request_id,
                                               absl::Duration max_wait, const std::stop_token& stop) {
   v1::CreateSessionRequest request;
-  // A server may have created the session before it went away: the next one then returns this session.
+  // A server may have created the session before it became unreachable: the next one then returns this session.
   const bool may_repeat = impl_->endpoints.size() > 1;
   request.set_request_id(request_id.empty() && may_repeat ? RandomRequestId() : request_id);
   *request.mutable_config() = ToProto(config);

@@ -60,8 +60,8 @@ struct Client::Impl {
                                                               absl::Duration max_wait, const std::stop_token& stop);
 
   // Returns the StatusOr of `call(endpoint, deadline)` at the current server, and at the next ones while a server is
-  // away or, with `skips_full_servers`, IsServerFull(). A call that has reached a server may be made again, so that it
-  // must have the same effect as one call.
+  // unreachable or, with `skips_full_servers`, IsServerFull(). A call that has reached a server may be made again, so
+  // that it must have the same effect as one call.
   template <typename Call>
   std::invoke_result_t<Call, const Endpoint&, absl::Time> AtAnyServer(const Call& call,
                                                                       const std::stop_token& stop = {},

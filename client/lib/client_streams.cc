@@ -49,8 +49,8 @@ bool HasMoved(const absl::Status& status) {
 }
 
 // Reads a stream of responses until the session has ended, also after it has moved to another server or its server is
-// away: the present `request` is sent again, with growing delays while no server delivers a response. A server that
-// does not track the events names no other, so that all are asked. An error of `handle(response)` means that the
+// unreachable: the present `request` is sent again, with growing delays while no server delivers a response. A server
+// that does not track the events names no other, so that all are asked. An error of `handle(response)` means that the
 // response is invalid, and cancels the call.
 template <typename Impl, typename Request, typename Response, typename Handle>
 absl::Status Watch(Impl& impl, WatchMethod<Request, Response> method, const Request& request, const Handle& handle,

@@ -219,7 +219,7 @@ TEST_F(ServerChoiceTest, EveryCallIsRepeatedWithTheEffectOfOneCall) {
     SetUp();  // makes a new client, which calls the first server first
     EXPECT_TRUE(call(*client_).ok()) << name;
     EXPECT_THAT(first_.TakeCalls(), ElementsAre(name));
-    // The first server may have deleted the model before it went away.
+    // The first server may have deleted the model before it became unreachable.
     EXPECT_THAT(second_.TakeCalls(), ElementsAre(name == "DeleteModel" ? "DeleteModel if any" : name));
   }
 }
@@ -305,15 +305,15 @@ TEST_F(ServerChoiceTest, ARefusalThatNeitherAServerNorADelayChangesIsFinal) {
 
 TEST_F(ServerChoiceTest, AFullServerIsWaitedForWhileTheOtherOneIsAway) {
   for (OneOfTwo* full : {&first_, &second_}) {
-    OneOfTwo& away = full == &first_ ? second_ : first_;
+    OneOfTwo& unreachable = full == &first_ ? second_ : first_;
     SetUp();
-    away.status = kRefused;
+    unreachable.status = kRefused;
     full->status = Refusal("OVERLOADED", 5);
-    away.TakeCalls();
+    unreachable.TakeCalls();
     full->TakeCalls();
     EXPECT_THAT(client_->CreateSession({}, "", absl::ZeroDuration()).status().message(),
                 HasSubstr(full->address + ": because of OVERLOADED; none of the servers"));
-    EXPECT_THAT(away.TakeCalls(), ElementsAre("CreateSession"));
+    EXPECT_THAT(unreachable.TakeCalls(), ElementsAre("CreateSession"));
     EXPECT_LE(full->TakeCalls().size(), 2u);
     const absl::Time before = clock_.Now();
     full->on_call = [&] {

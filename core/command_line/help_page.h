@@ -16,7 +16,7 @@ inline constexpr char kInputGroup[] = "Inputs";
 inline constexpr char kOutputGroup[] = "Outputs";
 inline constexpr char kTrackingGroup[] = "Tracking";
 inline constexpr char kConnectionGroup[] = "Connection";
-inline constexpr char kOutageGroup[] = "While the server is away";
+inline constexpr char kOutageGroup[] = "While the server is unreachable";
 inline constexpr char kGeneralGroup[] = "General";
 inline constexpr char kResearchGroup[] = "Research";
 

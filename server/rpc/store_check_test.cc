@@ -50,7 +50,7 @@ TEST(StoreCheckTest, ChecksGoOnAfterFailedAllocations) {
   run_checks(3);
   EXPECT_TRUE(check.health().ok()) << "a failed allocation is no evidence about the store";
   EXPECT_EQ(changes, std::vector<bool>());
-  fault->Set(absl::UnavailableError("away"));
+  fault->Set(absl::UnavailableError("unreachable"));
   run_checks(5);
   EXPECT_EQ(store.num_checks, 5);
   EXPECT_TRUE(absl::IsUnavailable(check.health()));

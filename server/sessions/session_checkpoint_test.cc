@@ -209,7 +209,7 @@ TEST_P(PoseLogBytesTest, TheOldestPosesAreDeleted) {
 TEST_F(SessionCheckpointTest, TheEndIsAnsweredWhenItIsDurable) {
   const uint64_t stream = Attach("first").stream;
   Push(stream, 1);
-  fault_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("unreachable"));
   ASSERT_TRUE(session_->PushEnd(stream).ok());
   const auto waiting = std::make_shared<WaitingListener>();
   session_->AddWatcher(waiting);
@@ -223,7 +223,7 @@ TEST_F(SessionCheckpointTest, TheEndIsAnsweredWhenItIsDurable) {
 }
 
 TEST_F(SessionCheckpointTest, AnAttachmentIsAnsweredWhenItsTokenIsDurable) {
-  fault_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("unreachable"));
   const Attachment attachment = session_->Attach("first", 0, listener_).value();
   EXPECT_FALSE(session_->View(attachment.stream).attached);
   fault_->Set(absl::OkStatus());
@@ -277,7 +277,7 @@ TEST_F(SessionCheckpointTest, ContinuesFromItsCheckpointWithTheSamePoses) {
       session_->Detach(attachment.stream);
       UntilDurable(attachment.stream, seq);
       attachment = Attach(attachment.resume_token);
-      fault_->Set(absl::UnavailableError("away"));
+      fault_->Set(absl::UnavailableError("unreachable"));
       for (uint64_t more = seq + 1; more <= std::min(seq + 2, kChunks); ++more) Push(attachment.stream, more);
       Until(attachment.stream, [](const StreamView& view) { return view.is_idle; });
       seen = session_->Watch().last_pose_seq;
@@ -332,7 +332,7 @@ TEST_F(SessionCheckpointTest, TheExpiryTimeCountsFromTheEndOfTheStream) {
 TEST_F(SessionCheckpointTest, WaitsWhileTheStoreIsUnreachableAndLosesNothing) {
   const uint64_t stream = Attach("first").stream;
   session_->ReportSent(stream, 1'000'000);
-  fault_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("unreachable"));
   uint64_t seq = 0;
   while (session_->Watch().last_pose_seq < kMaxUncommittedPoses) {
     Push(stream, ++seq, 40);
@@ -366,7 +366,7 @@ TEST_F(SessionCheckpointTest, NoPoseIsSentThatIsTooFarBeyondTheStore) {
   objects_ = {"1", "2", "3", "4", "5"};
   CreateAgain();
   const uint64_t stream = Attach("first").stream;
-  fault_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("unreachable"));
   // One step of work, which makes more poses than may be sent.
   std::vector<Event> events;
   for (int64_t ms = 1; ms <= 2048; ++ms) events.push_back({ms * 1000, 1, 1, 0});

@@ -143,11 +143,11 @@ TEST(SessionLogTest, LinesAboutTheStoreNameTheStream) {
   EXPECT_EQ(captured_log.Take(), "info session_commit_failed" + place + " code=ABORTED reason=FENCED message=taken\n");
   log.CommitFailed(WithReason(absl::InternalError("bad page"), v1::STORE_FAILED));
   EXPECT_THAT(captured_log.Take(), HasSubstr("error session_commit_failed" + place));
-  log.StoreUnavailable(absl::UnavailableError("away"));
+  log.StoreUnavailable(absl::UnavailableError("unreachable"));
   log.StoreBack();
   EXPECT_EQ(captured_log.Take(), "warning session_waits_for_store" + place +
-                                     " code=UNAVAILABLE reason=\"\" message=away\ninfo session_store_back" + place +
-                                     "\n");
+                                     " code=UNAVAILABLE reason=\"\" message=unreachable\ninfo session_store_back" +
+                                     place + "\n");
 }
 
 TEST(SessionLogTest, OneLineHasTheSumsOfTheSession) {

@@ -69,7 +69,7 @@ finish_clients() {
   done <&"$meter_says"
   exec {meter_says}<&-
   background=()
-  echo "$1: $verdict; times that clients were away: $(outages); longest wait for a pose: $worst_ms ms"
+  echo "$1: $verdict; outages of clients: $(outages); longest wait for a pose: $worst_ms ms"
   docker rm "${clients[@]}" >/dev/null
 }
 outages() {

@@ -234,9 +234,9 @@ TEST_F(BenchLoadTest, ReportsServersThatTakeNoSession) {
   EXPECT_EQ(full.status, 1);
   EXPECT_THAT(full.err, HasSubstr("no session was created (SESSION_MEMORY 1)"));
   const ClosedPort closed;
-  const CliResult away = RunCommand(closed.address(), {"--connect-timeout", "0.1"});
-  EXPECT_EQ(away.status, 1);
-  EXPECT_THAT(away.err, HasSubstr(closed.address()));
+  const CliResult unreachable = RunCommand(closed.address(), {"--connect-timeout", "0.1"});
+  EXPECT_EQ(unreachable.status, 1);
+  EXPECT_THAT(unreachable.err, HasSubstr(closed.address()));
   const CliResult blind = RunCommand(server.address(), {"--metrics", server.address()});
   EXPECT_EQ(blind.status, 1);
   EXPECT_THAT(blind.err, HasSubstr("--metrics-listen"));

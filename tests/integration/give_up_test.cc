@@ -60,7 +60,7 @@ class FailingSessions final : public v1::SessionService::Service {
   }
   grpc::Status Track(grpc::ServerContext*, client::ServerStream* stream) override {
     v1::TrackRequest request;
-    if (num_streams++ > 0 || !stream->Read(&request)) return {grpc::StatusCode::UNAVAILABLE, "away"};
+    if (num_streams++ > 0 || !stream->Read(&request)) return {grpc::StatusCode::UNAVAILABLE, "unreachable"};
     stream->Write(client::Attached(1 << 20));
     stream->Read(&request);
     for (uint64_t seq = 1; seq <= num_poses; ++seq) {
@@ -145,7 +145,7 @@ TEST_F(GiveUpTest, AServerThatStaysOverloadedIsGivenUp) {
 }
 
 TEST_F(GiveUpTest, ALongOutageKeepsThePoses) {
-  sessions_.end = grpc::Status(grpc::StatusCode::UNAVAILABLE, "away");
+  sessions_.end = grpc::Status(grpc::StatusCode::UNAVAILABLE, "unreachable");
   EXPECT_THAT(Replay(),
               AllOf(HasSubstr("gave up after"), HasSubstr(Path("poses.tum") + ": 3 poses up to 16.003000 s\n")));
   EXPECT_EQ(NumWritten(), 3);

@@ -152,7 +152,7 @@ void ReplayReport::PrintInput(std::ostream& stream) const {
   }
   if (is_interrupted) stream << "interrupted: only the events read until then\n";
   if (outages > 0) {
-    stream << absl::StrFormat("connection: lost %s, away for %.1f s in all; %s\n",
+    stream << absl::StrFormat("connection: lost %s, unreachable for %.1f s in all; %s\n",
                               Counted(static_cast<uint64_t>(outages), "time"), absl::ToDoubleSeconds(away_for),
                               summary.lost_poses > 0
                                   ? absl::StrCat(Counted(summary.lost_poses, "pose"), " not received")

@@ -10,8 +10,8 @@
 namespace evpose::client {
 namespace {
 
-// Delays between the attempts of RepeatCall(): a short interruption is hardly seen, and a server that is away for long
-// is not called often.
+// Delays between the attempts of RepeatCall(): a short interruption is hardly seen, and a server that is unreachable
+// for long is not called often.
 constexpr absl::Duration kFirstCallDelay = absl::Milliseconds(100);
 constexpr absl::Duration kMaxCallDelay = absl::Seconds(2);
 

@@ -22,7 +22,7 @@ from evpose.session import Session
 from evpose.stream.attempt import SERVICE as SESSIONS
 from evpose.stream.attempt import TrackPosition
 from evpose.stream.feed import EventSource
-from evpose.stream.servers import Servers, is_away
+from evpose.stream.servers import Servers, is_unreachable
 from evpose.stream.track import Track, TrackOptions
 from evpose.types import Estimator, Model, Overload, SensorProfile, ServerInfo, SessionConfig, SessionInfo, Surface, TrackedObject
 from evpose.rpc import health_pb2
@@ -75,7 +75,7 @@ class Client:
             response = endpoint.call(
                 "/grpc.health.v1.Health/Check", health_pb2.HealthCheckRequest(), health_pb2.HealthCheckResponse, self._timeout_s)
         except EvposeError as error:
-            if is_away(error):
+            if is_unreachable(error):
                 endpoint.mark_unreachable()
             raise
         return bool(response.status == health_pb2.HealthCheckResponse.SERVING)
@@ -134,7 +134,7 @@ class Client:
             try:
                 endpoint.call(_MODELS + "DeleteModel", request, empty_pb2.Empty, timeout_s)
             finally:
-                request.allow_missing = True  # the server may have deleted the model before it went away
+                request.allow_missing = True  # the server may have deleted the model before it became unreachable
 
         self._servers.at_any(delete, self._timeout_s)
 

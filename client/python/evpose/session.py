@@ -125,7 +125,8 @@ class Session:
     def watch_poses(self, after_seq: int = 0, max_rate_hz: Optional[float] = None) -> PoseWatch:
         """Returns an iterator of the stored poses after `after_seq`, then live ones, until the session has ended. `max_rate_hz`
         limits the poses per second of sensor time and object. Follows the session to another server, and continues at another one
-        of the client when its server is away. Use it in a `with` block, or close() it. Raises InvalidArgumentError and EvposeError."""
+        of the client when its server is unreachable. Use it in a `with` block, or close() it. Raises InvalidArgumentError and
+        EvposeError."""
         if not isinstance(after_seq, int) or not 0 <= after_seq < 1 << 64:
             raise InvalidArgumentError(f"after_seq is {after_seq!r}, but must be the number of a pose, or 0")
         request = session_service_pb2.WatchPosesRequest(session=self.name, after_pose_seq=after_seq)

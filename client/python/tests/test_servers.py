@@ -131,7 +131,7 @@ class ServersTest(unittest.TestCase):
         self.assertEqual(self.first.requests, self.second.requests)  # with the same request_id
         self.assertTrue(self.first.requests[0].request_id)
         self.client().delete_model("models/1")
-        # The first server may have deleted the model before it went away.
+        # The first server may have deleted the model before it became unreachable.
         self.assertEqual([each.requests[-1].allow_missing for each in (self.first, self.second)], [False, True])
 
     def test_the_only_server_is_found_by_the_first_call_after_its_start(self):
@@ -222,12 +222,12 @@ class ServersTest(unittest.TestCase):
         self.assertEqual([each.take_calls() for each in (self.first, self.second)], [["CreateSession"], ["CreateSession"]])
         self.assertEqual(self.clock.waits, [])
 
-    def test_a_full_server_is_waited_for_while_the_other_one_is_away(self):
-        for at_limit, away in ((self.first, self.second), (self.second, self.first)):
-            at_limit.failure, away.failure = full("OVERLOADED"), REFUSED
+    def test_a_full_server_is_waited_for_while_the_other_one_is_unreachable(self):
+        for at_limit, unreachable in ((self.first, self.second), (self.second, self.first)):
+            at_limit.failure, unreachable.failure = full("OVERLOADED"), REFUSED
             client = self.client()
             self.assertIn(f"{at_limit.address}: from the script; none of the servers", str(self.refusal(client, max_wait_s=0.0)))
-            self.assertEqual(away.take_calls(), ["CreateSession"])
+            self.assertEqual(unreachable.take_calls(), ["CreateSession"])
 
             def on_call(server=at_limit):
                 if self.clock.waits:
@@ -237,7 +237,7 @@ class ServersTest(unittest.TestCase):
             client.create_session("models/1", CAMERA)
             self.assertEqual(self.clock.waits, [5.0])
             at_limit.on_call = lambda: None
-            at_limit.take_calls(), away.take_calls()
+            at_limit.take_calls(), unreachable.take_calls()
 
     def test_a_full_server_is_waited_for_if_the_other_one_does_not_know_the_model(self):
         self.first.failure, self.second.failure = full("OVERLOADED"), Fail(grpc.StatusCode.NOT_FOUND, "MODEL_NOT_FOUND")

@@ -136,7 +136,7 @@ TEST_P(OrphanCollectorTest, TimeWithoutAccessToTheStoreDoesNotCount) {
   Collect();
   Collect(10 * kExpiry);
   EXPECT_EQ(Names().size(), 1u) << "this server was suspended";
-  fault_->Set(absl::UnavailableError("away"));
+  fault_->Set(absl::UnavailableError("unreachable"));
   for (int i = 0; i < 10; ++i) Collect();
   fault_->Set(absl::OkStatus());
   for (int i = 0; i < 4; ++i) Collect();

@@ -106,18 +106,18 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
 
 TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
   committer_->CommitCheckpoint(State("one", 1, 10), 1);
-  const SessionCommit first = Answer(absl::UnavailableError("away"));
+  const SessionCommit first = Answer(absl::UnavailableError("unreachable"));
   EXPECT_TRUE(committer_->progress().is_store_unavailable);
   EXPECT_EQ(committer_->progress().seq, 0u);
-  const SessionCommit again = Answer(absl::UnavailableError("away"));
+  const SessionCommit again = Answer(absl::UnavailableError("unreachable"));
   EXPECT_EQ(again.checkpoint, "one");
   EXPECT_EQ(&*again.checkpoint, &*first.checkpoint) << "shared, not copied";
   SessionCommit end = State("two", 11, 20);
   end.ended_at = absl::UnixEpoch();
   committer_->CommitCheckpoint(std::move(end), 2);
-  SessionCommit commit = Answer(absl::UnavailableError("away"));
+  SessionCommit commit = Answer(absl::UnavailableError("unreachable"));
   uint64_t num_failures = 3;
-  for (; commit.checkpoint == "one"; ++num_failures) commit = Answer(absl::UnavailableError("away"));
+  for (; commit.checkpoint == "one"; ++num_failures) commit = Answer(absl::UnavailableError("unreachable"));
   EXPECT_EQ(commit.checkpoint, "two");
   ASSERT_EQ(commit.poses.size(), 2u);
   EXPECT_EQ(commit.poses[0].first_pose_seq, 1u);
@@ -195,7 +195,7 @@ TEST_F(SessionCommitterTest, ASlowCommitIsLoggedOnceInASeries) {
 TEST_F(SessionCommitterTest, AnOutageOfTheStoreHasItsOwnLines) {
   captured_log.Take();
   committer_->CommitCheckpoint(State("1", 1, 10), 1, std::chrono::steady_clock::now() - std::chrono::hours(1));
-  Answer(absl::UnavailableError("away"));
+  Answer(absl::UnavailableError("unreachable"));
   Answer(absl::OkStatus());
   const std::string log = captured_log.Take();
   EXPECT_THAT(log,
@@ -242,9 +242,9 @@ TEST_F(SessionCommitterTest, AFailedAllocationEndsTheSessionAndNotTheProcess) {
 TEST_F(SessionCommitterTest, AFailedAllocationForARepetitionEndsTheSession) {
   FailingAllocation& failing = ThisThreadsFailingAllocation();
   committer_->CommitLifecycle(1, "first");
-  const absl::Status away = absl::UnavailableError("the store is away");
+  const absl::Status unreachable = absl::UnavailableError("the store is unreachable");
   failing.successes_before = 0;
-  Answer(away);
+  Answer(unreachable);
   failing.successes_before = -1;
   EXPECT_TRUE(IsOutOfMemory(committer_->progress().failure));
   EXPECT_EQ(num_changes_, 1);

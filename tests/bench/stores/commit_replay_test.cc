@@ -101,7 +101,7 @@ class RefusingStore : public FaultInjectingStore {
 TEST(CommitReplayTest, RepeatsCommitsThatTheStoreMayNotHaveWritten) {
   SessionRecording recording = SomeRecording();
   recording.commits.back().at = std::chrono::seconds(2);
-  RefusingStore store(absl::UnavailableError("away"), 2);
+  RefusingStore store(absl::UnavailableError("unreachable"), 2);
   const auto result = Replay(store, recording, {.sessions = 1});
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_EQ(result->repeated, 2u);

@@ -84,7 +84,7 @@ class Client {
   // until one of them responds, and prefers the first in the list; later calls go to the server that responded last.
   // When it cannot be reached, shuts down or has lost its store, the next servers are tried in turn, three times each
   // with growing delays: by all calls except Drain() and SetLogLevel(), which are about one server. Track() has its own
-  // limit (track.h). A call that is made again after a server went away has the effect of one call.
+  // limit (track.h). A call that is made again after a server became unreachable has the effect of one call.
   // Errors: INVALID_ARGUMENT for an invalid address; UNAVAILABLE with the addresses, the duration and the cause;
   // CANCELLED by the options; UNIMPLEMENTED if the server is another service; UNAUTHENTICATED for an unknown token;
   // FAILED_PRECONDITION for invalid certificates, and for a token without TLS to another machine.
@@ -148,9 +148,9 @@ class Client {
 
   // Delivers the stored poses after options.after_pose_seq, then live ones, in order; `num_skipped` poses were lost
   // just before those of a call. Follows the session to another server on the same store, and continues at another one
-  // of this client when its server is away. Returns OK when the session has ended, and CANCELLED after a request of
-  // `stop`. Errors: INVALID_ARGUMENT for a rate that is not positive; DATA_LOSS (ROLLED_BACK) when the store has lost
-  // events that the session's writer cannot send again.
+  // of this client when its server is unreachable. Returns OK when the session has ended, and CANCELLED after a request
+  // of `stop`. Errors: INVALID_ARGUMENT for a rate that is not positive; DATA_LOSS (ROLLED_BACK) when the store has
+  // lost events that the session's writer cannot send again.
   using PosesCallback = std::function<void(const std::vector<Pose>& poses, uint64_t num_skipped)>;
   absl::Status WatchPoses(const std::string& session, const WatchPosesOptions& options, const PosesCallback& on_poses,
                           std::stop_token stop = {});

@@ -74,7 +74,7 @@ struct StreamTrace {
 
 // The stream has broken, or it is re-established.
 struct ConnectionChange {
-  bool is_away = false;
+  bool is_away = false;        // the server is unreachable
   std::string server;          // the next server to be tried, or the one that accepted the stream
   absl::Status cause;          // cause of the outage
   absl::Duration away_for;     // duration of the outage so far

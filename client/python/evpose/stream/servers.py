@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The servers of a client: the one that a call goes to, and the next one when it is away."""
+"""The servers of a client: the one that a call goes to, and the next one when it is unreachable."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MAX_ROUNDS = 3
 CONNECTION_WAIT_S = 0.1
 ONLY_CONNECTION_WAIT_S = 2.0
 # Codes of errors that may concern one server only: the same call may succeed at another server.
-_AWAY_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
+_UNREACHABLE_CODES = frozenset(("UNAVAILABLE", "CANCELLED", "UNKNOWN", "INTERNAL"))
 # Reasons of RESOURCE_EXHAUSTED that are about one server. The quota of a tenant is not: the caller can delete a session.
 _FULL_REASONS = frozenset(("OVERLOADED", "TOO_MANY_SESSIONS", "SESSION_MEMORY", "OUT_OF_MEMORY"))
 
@@ -71,14 +71,14 @@ class Servers:
     closed: threading.Event = dataclasses.field(default_factory=threading.Event)  # set by the client's close(), which ends all waits
 
     def connect_again(self, index: int, stop: Optional[threading.Event] = None) -> None:
-        """Waits a moment, or until `stop`, for the connection to this server if a call found it away."""
+        """Waits a moment, or until `stop`, for the connection to this server if a call found it unreachable."""
         longest_s = ONLY_CONNECTION_WAIT_S if len(self.endpoints) == 1 else CONNECTION_WAIT_S
         self.endpoints[index].connect_again(longest_s, stop or self.closed)
 
     def at_any(self, call: Callable[[Endpoint, float], _Result], timeout_s: float, *, skips_full: bool = False) -> _Result:
-        """Returns `call(endpoint, timeout_s)` at the current server, and at the next ones while a server is away or, with `skips_full`,
-        has no room for a session; the attempts share the time. A call that has reached a server may be made again, so that it must have
-        the same effect as one call. Raises EvposeError."""
+        """Returns `call(endpoint, timeout_s)` at the current server, and at the next ones while a server is unreachable or, with
+        `skips_full`, has no room for a session; the attempts share the time. A call that has reached a server may be made again, so that
+        it must have the same effect as one call. Raises EvposeError."""
         choice = ServerChoice(self, skips_full)
         deadline = time.monotonic() + timeout_s
         while True:
@@ -119,8 +119,8 @@ class Servers:
         return self.at_any(make, timeout_s)
 
     def watch(self, method: str, request: Any, response: Any, watch_call: Optional[WatchCall] = None) -> Generator[Any, None, None]:
-        """Yields the responses until the session has ended, also after it has moved to another server or its server is away: the present
-        `request` is sent again. Raises EvposeError; CancelledError after `watch_call.close()`."""
+        """Yields the responses until the session has ended, also after it has moved to another server or its server is unreachable: the
+        present `request` is sent again. Raises EvposeError; CancelledError after `watch_call.close()`."""
         choice, backoff = ServerChoice(self), Backoff(RetryOptions())
         watch_call = watch_call or WatchCall()
         while True:
@@ -153,9 +153,9 @@ def _responses(call: Any) -> Iterator[Any]:
         return
 
 
-def is_away(error: EvposeError) -> bool:
+def is_unreachable(error: EvposeError) -> bool:
     """Whether the server cannot be reached, shuts down or has lost its store, so that another one may respond."""
-    return error.code in _AWAY_CODES and error.reason != "ROLLED_BACK" and advise_on(error) is Advice.TRY_AGAIN
+    return error.code in _UNREACHABLE_CODES and error.reason != "ROLLED_BACK" and advise_on(error) is Advice.TRY_AGAIN
 
 
 def _is_full(error: EvposeError) -> bool:
@@ -197,7 +197,7 @@ class ServerChoice:
         was full. If a full server has refused the session, NOT_FOUND for the model from a later server is treated like a refusal."""
         if self._is_refusal(error):
             return self._next_with_room(error)
-        if not is_away(error):
+        if not is_unreachable(error):
             self.responded()
             return False
         self.endpoint.mark_unreachable()

@@ -18,7 +18,7 @@ from evpose.stream.attempt import AttemptOptions, Callbacks, StreamAttempt, Trac
 from evpose.stream.feed import EventFeed
 from evpose.stream.outbox import RetainOptions
 from evpose.stream.retry import Advice, Backoff, Clock, RetryOptions, advise_on
-from evpose.stream.servers import Servers, close_generator, is_away
+from evpose.stream.servers import Servers, close_generator, is_unreachable
 from evpose.tracing import StreamTrace, new_stream
 from evpose.types import ConnectionChange, Notice, PoseReset, TrackSummary
 
@@ -197,7 +197,7 @@ class Track:
 
     def _observe(self, attempt: StreamAttempt) -> None:
         now = self._clock.now()
-        if attempt.error is not None and is_away(attempt.error):
+        if attempt.error is not None and is_unreachable(attempt.error):
             self._server.mark_unreachable()
         self._fed_bytes = max(self._fed_bytes, attempt.fed_bytes)
         if attempt.was_attached:
