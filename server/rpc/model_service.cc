@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/rpc/model_service.h"
 
-#include <grpcpp/alarm.h>
-
 #include <algorithm>
 #include <memory>
 #include <mutex>
@@ -16,6 +14,7 @@
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
 #include "server/rpc/common/authentication.h"
+#include "server/rpc/common/call_alarm.h"
 #include "server/rpc/common/conversion.h"
 #include "server/rpc/common/status_mapping.h"
 #include "server/rpc/common/stream_registry.h"
@@ -59,7 +58,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     if (!reservation.ok()) return FinishWith(reservation.status());
     reservation_ = *std::move(reservation);
     deadline_ = absl::Now() + services_.upload_timeout;
-    Read();
+    if (const absl::Status status = Read(); !status.ok()) FinishWith(status);
   }
 
   void OnCancel() override { End(absl::CancelledError("the client cancelled")); }
@@ -87,11 +86,11 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     const std::lock_guard lock(mutex_);
     ++messages_;
     if (is_finished_) return;
-    alarm_.reset();
+    alarm_.Cancel();
     const absl::Status status = OrOutOfMemory([this, ok]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
       if (!ok) return Load();
       EVPOSE_RETURN_IF_ERROR(HandleRequest());
-      return Read(), absl::OkStatus();
+      return Read();
     });
     if (!status.ok()) FinishWith(status);
   }
@@ -107,15 +106,13 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     Sha256 digest;
   };
 
-  void Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    // A weak reference, because the alarm holds its function until it is destroyed.
-    alarm_ = std::make_unique<grpc::Alarm>();
-    alarm_->Set(absl::ToChronoTime(std::min(absl::Now() + services_.attach_timeout, deadline_)),
-                [weak = weak_from_this(), awaited = messages_](bool has_fired) {
-                  const auto self = weak.lock();
-                  if (self != nullptr && has_fired) self->OnAlarm(awaited);
-                });
+  absl::Status Read() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    const absl::Duration max_wait = std::min(services_.attach_timeout, deadline_ - absl::Now());
+    EVPOSE_RETURN_IF_ERROR(alarm_.Set(max_wait, [weak = weak_from_this(), awaited = messages_] {
+      if (const auto self = weak.lock()) self->OnAlarm(awaited);
+    }));
     StartRead(&request_);
+    return absl::OkStatus();
   }
 
   void OnAlarm(uint64_t awaited) {
@@ -133,7 +130,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
 
   void FinishWith(const absl::Status& status) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     is_finished_ = true;
-    alarm_.reset();
+    alarm_.Cancel();
     reservation_.reset();
     bytes_ = std::vector<uint8_t>();
     known_.reset();
@@ -265,7 +262,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   v1::Model* const response_;
   std::shared_ptr<UploadReactor> self_;  // until OnDone
   std::mutex mutex_;
-  std::unique_ptr<grpc::Alarm> alarm_;
+  CallAlarm alarm_;
   uint64_t messages_ = 0;  // completed reads, so that an alarm of an earlier read is recognized
   bool is_finished_ = false;
   v1::UploadModelRequest request_;

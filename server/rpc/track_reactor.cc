@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/rpc/track_reactor.h"
 
-#include <grpcpp/alarm.h>
-
-#include <algorithm>
 #include <chrono>
 #include <deque>
 #include <memory>
@@ -16,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "server/rpc/common/authentication.h"
+#include "server/rpc/common/call_alarm.h"
 #include "server/rpc/common/conversion.h"
 #include "server/rpc/common/status_mapping.h"
 #include "server/rpc/common/stream_registry.h"
@@ -31,7 +29,6 @@ namespace evpose::server {
 namespace {
 
 constexpr size_t kPosesPerPage = 64;  // read at a time, about 40 KB, which bounds the memory of a slow client
-constexpr absl::Duration kLongestHold = absl::Hours(1);  // so that the sum with the present time does not overflow
 
 // Every event (a message read or written, a change of the session, a cancellation) ends in Pump, which examines the
 // whole state and starts the reads and writes that are possible now. No wake-up is lost: an ack that could not be
@@ -57,7 +54,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       auto reservation = services_.quotas.AddStream(caller_->tenant);
       Fail(reservation.status());
       if (reservation.ok()) reservation_ = *std::move(reservation);
-      SetAlarm(alarm_, services_.attach_timeout, &TrackReactor::OnAlarm);
+      Fail(SetAlarm(alarm_, services_.attach_timeout, &TrackReactor::OnAlarm));
     }
     Pump();
   }
@@ -221,7 +218,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   void SetSession(Joined joined) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    alarm_.reset();
+    alarm_.Cancel();
     session_ = std::move(joined.session);
     stream_ = joined.attachment.stream;
     ChangePhase(StreamInput::kAttached);
@@ -246,7 +243,7 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     if (events.has_crc32c()) chunk.crc32c = events.crc32c();
     chunk.payload = std::move(*events.mutable_payload());
     if (IsKeepalive(chunk)) return absl::OkStatus();
-    Hold(services_.quotas.ChargeBytes(caller_->tenant, chunk.payload.size()));
+    EVPOSE_RETURN_IF_ERROR(Hold(services_.quotas.ChargeBytes(caller_->tenant, chunk.payload.size())));
     return session_->PushEvents(stream_, std::move(chunk));
   }
 
@@ -264,25 +261,19 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   }
 
   // Stops reading for this time: the tenant has exceeded its byte rate.
-  void Hold(absl::Duration duration) {
-    if (duration == absl::ZeroDuration()) return;
+  absl::Status Hold(absl::Duration duration) {
+    if (duration == absl::ZeroDuration()) return absl::OkStatus();
     const std::lock_guard lock(mutex_);
     is_held_ = true;
-    SetAlarm(alarm_, duration, &TrackReactor::OnAlarm);
+    return SetAlarm(alarm_, duration, &TrackReactor::OnAlarm);
   }
 
-  void SetAlarm(std::unique_ptr<grpc::Alarm>& alarm, absl::Duration duration, void (TrackReactor::*on_alarm)())
+  absl::Status SetAlarm(CallAlarm& alarm, absl::Duration duration, void (TrackReactor::*on_alarm)())
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (phase_ == StreamPhase::kFinished) return;
-    // A new alarm each time: the callback of the old one may still be running. The callback holds a weak pointer,
-    // because the alarm, a member, keeps it.
-    alarm = std::make_unique<grpc::Alarm>();
-    alarm->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(std::min(duration, kLongestHold)),
-               [weak = weak_from_this(), on_alarm](bool has_fired) {
-                 if (!has_fired) return;  // cancelled: the stream may have ended
-                 const auto self = weak.lock();
-                 if (self != nullptr) RunUnlessOutOfMemory([&] { (self.get()->*on_alarm)(); });
-               });
+    if (phase_ == StreamPhase::kFinished) return absl::OkStatus();
+    return alarm.Set(duration, [weak = weak_from_this(), on_alarm] {
+      if (const auto self = weak.lock()) (self.get()->*on_alarm)();
+    });
   }
 
   absl::Duration MeasureSilence(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -291,17 +282,26 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
 
   void OnIdleAlarm() {
     const std::lock_guard lock(mutex_);
-    if (phase_ != StreamPhase::kOpen) return;
+    if (phase_ == StreamPhase::kOpen) FailAndPump([this] { return CheckSilence(); });
+  }
+
+  // Sets the alarm again unless the client has been silent for too long.
+  absl::Status CheckSilence() ABSL_NO_THREAD_SAFETY_ANALYSIS {
     const absl::Duration left = services_.stream_idle_timeout - MeasureSilence(session_->View(stream_));
-    if (left > absl::ZeroDuration()) return SetAlarm(idle_alarm_, left, &TrackReactor::OnIdleAlarm);
-    Fail(StreamIdleError(services_.stream_idle_timeout));
-    Pump();
+    if (left <= absl::ZeroDuration()) return StreamIdleError(services_.stream_idle_timeout);
+    return SetAlarm(idle_alarm_, left, &TrackReactor::OnIdleAlarm);
   }
 
   void OnAlarm() {
     const std::lock_guard lock(mutex_);
     is_held_ = false;
-    if (session_ == nullptr) Fail(AttachTimeoutError(services_.attach_timeout));
+    FailAndPump([&] { return session_ != nullptr ? absl::OkStatus() : AttachTimeoutError(services_.attach_timeout); });
+  }
+
+  // Fails with the status of `check`, or OUT_OF_MEMORY: after an alarm, nothing else would end the stream.
+  template <typename Check>
+  void FailAndPump(const Check& check) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    RunUnlessOutOfMemory([this, status = OrOutOfMemory(check)]() ABSL_NO_THREAD_SAFETY_ANALYSIS { Fail(status); });
     Pump();
   }
 
@@ -316,8 +316,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   void PrepareFinish(absl::StatusCode code) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     RunUnlessOutOfMemory([this]() ABSL_NO_THREAD_SAFETY_ANALYSIS { ChangePhase(StreamInput::kFinish); });
     services_.metrics.stream_ends[StreamKind::kTrack][code].Add();
-    alarm_.reset();
-    idle_alarm_.reset();
+    alarm_.Cancel();
+    idle_alarm_.Cancel();
     if (session_ != nullptr) RunUnlessOutOfMemory([this] { session_->Detach(stream_); });
   }
 
@@ -418,9 +418,9 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
     ChangePhase(StreamInput::kConfirmed);
     if (services_.stream_idle_timeout > absl::ZeroDuration()) {
       *attached.mutable_idle_timeout() = ToProto(services_.stream_idle_timeout);
-      SetAlarm(idle_alarm_, services_.stream_idle_timeout, &TrackReactor::OnIdleAlarm);
+      Fail(SetAlarm(idle_alarm_, services_.stream_idle_timeout, &TrackReactor::OnIdleAlarm));
     }
-    return true;
+    return phase_ != StreamPhase::kFailing;
   }
 
   bool PickAck() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -473,8 +473,8 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
   bool was_reclaimed_ ABSL_GUARDED_BY(mutex_) = false;
   absl::Status failure_ ABSL_GUARDED_BY(mutex_);
   v1::TrackRequest::Attach attach_ ABSL_GUARDED_BY(mutex_);
-  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);  // until the stream attaches, then while it is held
-  std::unique_ptr<grpc::Alarm> idle_alarm_ ABSL_GUARDED_BY(mutex_);
+  CallAlarm alarm_ ABSL_GUARDED_BY(mutex_);  // until the stream attaches, then while it is held
+  CallAlarm idle_alarm_ ABSL_GUARDED_BY(mutex_);
   StreamSilence silence_ ABSL_GUARDED_BY(mutex_);
   // Messages that wait to be sent:
   v1::TrackResponse response_ ABSL_GUARDED_BY(mutex_);

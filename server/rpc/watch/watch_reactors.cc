@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/rpc/watch/watch_reactors.h"
 
-#include <grpcpp/alarm.h>
-
-#include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -15,6 +11,7 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/strings/str_cat.h"
+#include "server/rpc/common/call_alarm.h"
 #include "server/rpc/common/conversion.h"
 #include "server/rpc/watch/watch_reactor.h"
 #include "server/runtime/errors.h"
@@ -27,7 +24,6 @@ constexpr size_t kPosesPerResponse = 64;
 constexpr absl::Duration kDefaultPeriod = absl::Seconds(1);  // of reports of health, as the API states
 // A shorter one would cost processor time without new information.
 constexpr absl::Duration kMinPeriod = absl::Milliseconds(10);
-constexpr absl::Duration kLongestPeriod = absl::Hours(24 * 365);  // so that the sum with the present time is in range
 
 // Reads the session's log at the pace of the client, so that a slow reader needs the memory of one response and no
 // queue.
@@ -121,16 +117,12 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
     is_due_ = false;
     final_was_sent_ = view.ended;
     *response.mutable_health() = ToProto(session().health(), session().config());
-    if (!view.ended) SetAlarm();
+    if (!view.ended) Fail(SetAlarm());
     return true;
   }
 
-  void SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    // A new alarm is made each time, because the function of the previous one may still be running. The function holds
-    // a weak reference, because the alarm holds the function until it is destroyed.
-    alarm_ = std::make_unique<grpc::Alarm>();
-    const absl::Duration period = quotas().HealthPeriod(tenant_, std::min(period_, kLongestPeriod));
-    alarm_->Set(std::chrono::system_clock::now() + absl::ToChronoMicroseconds(period), [weak = weak_from_this()](bool) {
+  absl::Status SetAlarm() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return alarm_.Set(quotas().HealthPeriod(tenant_, period_), [weak = weak_from_this()] {
       if (const auto self = weak.lock()) static_cast<WatchHealthReactor*>(self.get())->OnAlarm();
     });
   }
@@ -141,14 +133,14 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
     Pump();
   }
 
-  void OnFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { alarm_.reset(); }
+  void OnFinish() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) { alarm_.Cancel(); }
 
   absl::Duration period_ = kDefaultPeriod;
   std::string tenant_;
   std::shared_ptr<const void> health_reservation_;  // among the watchers of health
   bool is_due_ ABSL_GUARDED_BY(mutex_) = true;
   bool final_was_sent_ ABSL_GUARDED_BY(mutex_) = false;
-  std::unique_ptr<grpc::Alarm> alarm_ ABSL_GUARDED_BY(mutex_);
+  CallAlarm alarm_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace
