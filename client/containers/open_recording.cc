@@ -68,9 +68,9 @@ absl::Status NoTopics(const std::string& name, const std::string& format, const 
       absl::StrCat(name, ": is a file of ", format, ", which has no topics: leave out #", topic));
 }
 
-absl::Status CheckUse(const ContainerFormat& format, const ContainerFile& file, bool follow) {
+absl::Status CheckUse(const ContainerFormat& format, const ContainerFile& file, bool is_following) {
   const std::string name(format.name);
-  if (follow) {
+  if (is_following) {
     return absl::InvalidArgumentError(absl::StrCat(file.name, ": is a file of ", name,
                                                    ", which cannot be followed as it grows: only RAW and DAT can; use "
                                                    "evpose replay without --follow when it is complete"));
@@ -123,13 +123,13 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenRecording(const std::string
   auto [file_path, topic] = SplitTopic(path);
   EVPOSE_ASSIGN_OR_RETURN(file_path, FileOfFolder(file_path));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ByteSource> bytes,
-                          ByteSource::Open(file_path, {.follow = options.follow, .stop = options.stop}));
+                          ByteSource::Open(file_path, {.is_following = options.is_following, .stop = options.stop}));
   EVPOSE_ASSIGN_OR_RETURN(std::string_view prefix, bytes->Peek(kRawPrefixBytes));
   if (prefix.empty() || IsRaw(prefix)) {
     if (topic.empty()) return RecordingReader::FromBytes(std::move(bytes));
     return NoTopics(bytes->name(), "RAW or DAT", topic);
   }
-  if (!options.follow) {
+  if (!options.is_following) {
     EVPOSE_ASSIGN_OR_RETURN(prefix, bytes->Peek(bytes->can_be_reopened() ? kSniffedBytes : kStreamBytes));
   }
   for (const ContainerFormat* format : kFormats) {
@@ -139,7 +139,7 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenRecording(const std::string
                           .topic = topic,
                           .bytes = std::move(bytes),
                           .geometry = options.geometry};
-    EVPOSE_RETURN_IF_ERROR(CheckUse(*format, file, options.follow));
+    EVPOSE_RETURN_IF_ERROR(CheckUse(*format, file, options.is_following));
     return format->open(std::move(file));
   }
   return NotRecognised(bytes->name(), prefix);

@@ -14,7 +14,7 @@
 namespace evpose::client {
 
 struct OpenRecordingOptions {
-  bool follow = false;         // as in RecordingReaderOptions; only RAW and DAT files can be followed
+  bool is_following = false;   // as in RecordingReaderOptions; only RAW and DAT files can be followed
   std::function<bool()> stop;  // as there
   // Size of the sensor for files that state none, from the user's camera.
   std::optional<SensorGeometry> geometry;

@@ -223,7 +223,7 @@ TEST(OpenRecordingTest, OtherFormatsAreRefusedWithAdvice) {
 TEST(OpenRecordingTest, OnlyRawAndDatCanBeFollowed) {
   const TemporaryDirectory directory;
   const std::string path = WriteBytes(directory.File("a.csv"), "1,2,0,5\n1,2,0,6\n");
-  EXPECT_THAT(ErrorOf(path, {.follow = true}), HasSubstr("cannot be followed as it grows"));
+  EXPECT_THAT(ErrorOf(path, {.is_following = true}), HasSubstr("cannot be followed as it grows"));
 }
 
 // Standard input with the given bytes, as long as the object lives.

@@ -24,7 +24,7 @@ absl::StatusOr<std::unique_ptr<Recording>> Recording::Open(const std::string& pa
   const ChunkerOptions chunker_options = {.max_duration_us = options.max_duration_us, .max_bytes = options.max_bytes};
   EVPOSE_RETURN_IF_ERROR(chunker_options.Validate());
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
-                          RecordingReader::Open(path, {.follow = options.is_following, .stop = options.stop}));
+                          RecordingReader::Open(path, {.is_following = options.is_following, .stop = options.stop}));
   return std::unique_ptr<Recording>(new Recording(std::make_unique<Impl>(std::move(reader), chunker_options)));
 }
 

@@ -339,7 +339,7 @@ std::vector<HandEyeFit> FitAll(const Trajectory& poses, const Trajectory& refere
   for (const HandEyeMount mount : {HandEyeMount::kBeside, HandEyeMount::kInHand}) {
     if (options.mount != HandEyeMount::kAuto && options.mount != mount) continue;
     // Both trajectories are camera_from_object then.
-    if (options.same_frames && mount == HandEyeMount::kInHand) continue;
+    if (options.has_same_frames && mount == HandEyeMount::kInHand) continue;
     for (const double offset_s : offsets) {
       if (auto fit = Fit(poses, reference, mount, offset_s, free, options)) fits.push_back(*std::move(fit));
     }
@@ -403,7 +403,7 @@ absl::StatusOr<HandEye> SolveHandEye(const Trajectory& camera_from_object, const
     return absl::FailedPreconditionError(absl::StrCat("both trajectories need two poses at least; they have ",
                                                       camera_from_object.size(), " and ", reference.size()));
   }
-  const HandEyeFree free{.transforms = !options.same_frames, .offset = !options.time_offset_s};
+  const HandEyeFree free{.transforms = !options.has_same_frames, .offset = !options.time_offset_s};
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> offsets, Offsets(camera_from_object, reference, options));
   const std::vector<HandEyeFit> fits =
       FitAll(Thinned(camera_from_object, options.max_poses), reference, offsets, free, options);

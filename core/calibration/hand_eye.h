@@ -32,7 +32,7 @@ struct HandEyeOptions {
   // The clock of the reference minus that of the sensor, seconds; absent: estimated.
   std::optional<double> time_offset_s;
   // Both constant transforms are the identity, and only the offset is estimated.
-  bool same_frames = false;
+  bool has_same_frames = false;
   // Number of poses that are used, evenly spread: more add no information, as successive errors are correlated.
   int max_poses = 2000;
   // Smallest number of poses with a reference at their time: six for each unknown transform.

@@ -153,7 +153,7 @@ TEST(HandEyeTest, AGivenOffsetIsKept) {
 
 TEST(HandEyeTest, SameFramesGiveTheOffsetAlone) {
   RobotCell cell{.offset_s = 12.5, .left = {}, .right = {}};
-  const auto result = SolveHandEye(cell.Poses(), cell.Robot(), {.same_frames = true});
+  const auto result = SolveHandEye(cell.Poses(), cell.Robot(), {.has_same_frames = true});
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_EQ(result->left.translation_m, Eigen::Vector3d::Zero());
   EXPECT_NEAR(result->time_offset_s, 12.5, 5e-5);

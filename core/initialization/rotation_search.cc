@@ -143,10 +143,10 @@ class RotationSearch {
   // of the second one, and keeps the minima.
   void SweepPair(const Vector3d& n1, const Vector3d& n2, const DirectionPair& pair) {
     const Vector3d e1 = n1.unitOrthogonal(), e2 = n1.cross(e1);
-    const int steps = pair.half_circle ? kHalfCircleSteps : 2 * kHalfCircleSteps;
+    const int steps = pair.needs_half_circle ? kHalfCircleSteps : 2 * kHalfCircleSteps;
     const double sine = std::sqrt(std::max(0.0, 1.0 - pair.cosine * pair.cosine));
     for (const double sign : {1.0, -1.0}) {
-      if (sign < 0.0 && pair.one_solution) break;
+      if (sign < 0.0 && pair.has_one_solution) break;
       // The costs one and two steps ago; a minimum is detected one step late.
       float before = kNoCost, last = kNoCost;
       Matrix3d last_rotation = Matrix3d::Identity();

@@ -151,8 +151,8 @@ void SearchModel::FindPairs() {
     pair.frame.col(2) = pair.frame.col(0).cross(pair.frame.col(1));
     for (const Matrix3d& q : direction_symmetries_) {
       const bool reverses_a = Reverses(q, directions_[a]), reverses_b = Reverses(q, directions_[b]);
-      pair.half_circle |= reverses_a && (reverses_b || Preserves(q, directions_[b]));
-      pair.one_solution |= Preserves(q, directions_[a]) && reverses_b;
+      pair.needs_half_circle |= reverses_a && (reverses_b || Preserves(q, directions_[b]));
+      pair.has_one_solution |= Preserves(q, directions_[a]) && reverses_b;
     }
     pairs_.push_back(pair);
   }

@@ -26,9 +26,9 @@ struct SearchLine {
 struct DirectionPair {
   int a = 0, b = 0;
   double cosine = 0.0;
-  Eigen::Matrix3d frame;      // right-handed: v_a, the component of v_b orthogonal to it, and their cross product
-  bool half_circle = false;   // a symmetry reverses v_a: one half of the sweep repeats the other
-  bool one_solution = false;  // a symmetry preserves v_a and reverses v_b: each of the two solutions repeats the other
+  Eigen::Matrix3d frame;           // right-handed: v_a, the component of v_b orthogonal to it, and their cross product
+  bool needs_half_circle = false;  // a symmetry reverses v_a: one half of the sweep repeats the other
+  bool has_one_solution = false;   // a symmetry preserves v_a and reverses v_b: the second solution repeats the first
 };
 
 // Immutable after construction.

@@ -88,7 +88,7 @@ absl::StatusOr<size_t> ByteSource::ReadDescriptor(absl::Span<uint8_t> buffer) {
     if (size < 0) continue;
     // Only a file that was opened by its name is followed, not a file that is standard input.
     if (!is_regular_) return 0;
-    if (!options_.follow || descriptor_ == STDIN_FILENO) {
+    if (!options_.is_following || descriptor_ == STDIN_FILENO) {
       EVPOSE_RETURN_IF_ERROR(CheckUnchanged());
       return 0;
     }

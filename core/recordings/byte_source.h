@@ -22,7 +22,7 @@ namespace evpose {
 struct RecordingReaderOptions {
   // Whether to wait at the end of the file for more bytes until `stop` returns true. A pipe ends when its writer closes
   // it.
-  bool follow = false;
+  bool is_following = false;
   // Called before every wait, about 100 times a second while no bytes arrive; true ends the reading without an error.
   std::function<bool()> stop;
 };
@@ -58,7 +58,7 @@ class ByteSource {
   // Whether a path leads to the same bytes again, as for a regular file that was opened by its name.
   bool can_be_reopened() const { return is_regular_ && descriptor_ != 0; }
   // Size of the file when it was opened; -1 if unknown (a pipe, a growing file).
-  int64_t size_bytes() const { return is_regular_ && !options_.follow ? opened_.st_size : -1; }
+  int64_t size_bytes() const { return is_regular_ && !options_.is_following ? opened_.st_size : -1; }
 
  private:
   ByteSource(int descriptor, std::string name, RecordingReaderOptions options)

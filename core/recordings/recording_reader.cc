@@ -37,7 +37,7 @@ class RawReader final : public RecordingReader {
       data_size_bytes_ = source_->size_bytes() - static_cast<int64_t>(header_.size_bytes);
     }
     source_->Drop(header_.size_bytes);
-    if (source_->options().follow) return absl::OkStatus();
+    if (source_->options().is_following) return absl::OkStatus();
     EVPOSE_ASSIGN_OR_RETURN(const std::string_view data, source_->Peek(1));
     if (!data.empty()) return absl::OkStatus();
     return absl::InvalidArgumentError(absl::StrCat(name, ": has a header but no events"));

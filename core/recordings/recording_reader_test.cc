@@ -194,7 +194,7 @@ TEST(RecordingReaderTest, FollowsAFileFromItsFirstByteOn) {
   Append(path, "");
   size_t written = 0;
   RecordingReaderOptions options;
-  options.follow = true;
+  options.is_following = true;
   options.stop = [&] {
     if (written == contents.size()) return true;
     Append(path, contents.substr(written, 5));
@@ -214,7 +214,7 @@ TEST(RecordingReaderTest, FollowingCanBeStoppedInTheHeader) {
   const std::string path = directory.File("growing.raw");
   Append(path, "% evt 3.0\n");
   RecordingReaderOptions options;
-  options.follow = true;
+  options.is_following = true;
   options.stop = [] { return true; };
   const auto reader = RecordingReader::Open(path, options);
   EXPECT_EQ(reader.status().code(), absl::StatusCode::kCancelled);
@@ -226,7 +226,7 @@ TEST(RecordingReaderTest, FollowedFileThatShrinksIsAnError) {
   const std::string path = directory.File("growing.raw");
   Append(path, kHeader + "abcd");
   RecordingReaderOptions options;
-  options.follow = true;
+  options.is_following = true;
   options.stop = [&] {
     std::filesystem::resize_file(path, 5);
     return false;
@@ -282,7 +282,7 @@ TEST(RecordingReaderTest, FollowsAWriterInAnotherThread) {
   Append(path, kHeader);
   std::atomic<bool> is_written = false;
   RecordingReaderOptions options;
-  options.follow = true;
+  options.is_following = true;
   // The bytes of the call before count: the reader has read once more in between.
   bool stop_next = false;
   options.stop = [&] { return std::exchange(stop_next, is_written.load()); };

@@ -26,8 +26,8 @@ void NoiseSource::AddShotNoise(double begin_us, double end_us,
   for (uint32_t i = 0; i < candidates; ++i) {
     const auto pixel = static_cast<uint32_t>(random_.UniformInt(num_pixels_));
     const double t_us = random_.Uniform(begin_us, end_us);
-    const bool on = random_.Uniform() < 0.5;
-    if (random_.Uniform() < accept_share(pixel)) events.push_back({pixel, t_us, on});
+    const bool is_on = random_.Uniform() < 0.5;
+    if (random_.Uniform() < accept_share(pixel)) events.push_back({pixel, t_us, is_on});
   }
 }
 

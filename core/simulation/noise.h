@@ -16,7 +16,7 @@ namespace evpose {
 struct NoiseEvent {
   uint32_t pixel;
   double t_us;
-  bool on;
+  bool is_on;
 };
 
 // Poisson processes over all pixels at once. The time is proportional to the number of events and does not depend on

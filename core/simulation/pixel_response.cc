@@ -224,10 +224,10 @@ void PixelResponse::AdvancePiece(PixelState& state, const Piece& piece, std::vec
       memory -= leak_per_us_ * left;
       break;
     }
-    const bool on = course.At(crossing) > 0.0;
+    const bool is_on = course.At(crossing) > 0.0;
     t += crossing;
     output = piece.OutputAt(t, t - crossing, output);
-    crossings.push_back({piece.begin_us + t, on});
+    crossings.push_back({piece.begin_us + t, is_on});
     state.held_until_us = piece.begin_us + t + refractory_us_;
   }
   state.output = static_cast<float>(end_output);

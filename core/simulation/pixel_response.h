@@ -25,7 +25,7 @@ struct PixelState {
 // A crossing of the ON or OFF threshold.
 struct Crossing {
   double t_us;
-  bool on;
+  bool is_on;
 };
 
 class PixelResponse {

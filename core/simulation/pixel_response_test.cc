@@ -36,7 +36,7 @@ TEST(PixelResponseTest, WithoutLowPassEventsAreAtTheCrossingsOfTheLogarithm) {
     const double light = 0.11 * std::exp(0.25 * static_cast<double>(k + 1)) - kDark;
     // Time error: 0.003 of the logarithm, times the light, divided by the slope of the light.
     EXPECT_NEAR(crossings[k].t_us, 10'000 * (light - 0.1) / 0.8, 0.003 * (light + kDark) * 10'000 / 0.8) << k;
-    EXPECT_TRUE(crossings[k].on);
+    EXPECT_TRUE(crossings[k].is_on);
   }
   EXPECT_EQ(state.t_us, 10'000u);
 }
@@ -53,7 +53,7 @@ TEST(PixelResponseTest, StepThroughTheLowPassIsTimedExactly) {
   ASSERT_EQ(crossings.size(), static_cast<size_t>(step / 0.3));
   for (size_t k = 0; k < crossings.size(); ++k) {
     EXPECT_NEAR(crossings[k].t_us, -tau_us * std::log(1.0 - 0.3 * static_cast<double>(k + 1) / step), 0.01);
-    EXPECT_FALSE(crossings[k].on);
+    EXPECT_FALSE(crossings[k].is_on);
   }
 }
 
@@ -105,7 +105,7 @@ TEST(PixelResponseTest, EqualsABruteForceIntegration) {
   ASSERT_GT(expected.size(), 50u);
   ASSERT_EQ(crossings.size(), expected.size());
   for (size_t k = 0; k < expected.size(); ++k) {
-    EXPECT_EQ(crossings[k].on, expected[k].on) << k;
+    EXPECT_EQ(crossings[k].is_on, expected[k].is_on) << k;
     EXPECT_NEAR(crossings[k].t_us, expected[k].t_us, 4.0) << k;
   }
 }

@@ -21,9 +21,9 @@ constexpr double kShotNoiseFallInLight = 0.75;
 constexpr int kBlock = 16;  // pixels per block, a multiple of the lanes of vector instructions
 
 // Packs an event so that the order of the numbers is the order of time, row, polarity, column.
-uint64_t Pack(int64_t t_in_step_us, uint32_t x, uint32_t y, bool on, bool is_noise) {
+uint64_t Pack(int64_t t_in_step_us, uint32_t x, uint32_t y, bool is_on, bool is_noise) {
   return (static_cast<uint64_t>(t_in_step_us) << 30) | (static_cast<uint64_t>(y) << 16) |
-         (static_cast<uint64_t>(on) << 15) | (static_cast<uint64_t>(x) << 1) | static_cast<uint64_t>(is_noise);
+         (static_cast<uint64_t>(is_on) << 15) | (static_cast<uint64_t>(x) << 1) | static_cast<uint64_t>(is_noise);
 }
 
 PixelState RandomPixel(const SensorOptions& options, double input, Random& random) {
@@ -126,7 +126,7 @@ void EventSensor::AdvancePixel(uint32_t pixel, float light) {
   crossings_.clear();
   response_.Advance(state, light_[pixel], light, static_cast<uint32_t>(t_us_), crossings_);
   light_[pixel] = light;
-  for (const Crossing& crossing : crossings_) Emit(pixel, crossing.t_us, crossing.on, /*is_noise=*/false);
+  for (const Crossing& crossing : crossings_) Emit(pixel, crossing.t_us, crossing.is_on, /*is_noise=*/false);
   pending_signal_ += crossings_.size();
   if (response_.IsSettled(state)) {
     leaks_.Add(pixel, response_.NextLeakUs(state));
@@ -142,7 +142,7 @@ void EventSensor::AdvanceLeak() {
     if (!response_.IsSettled(state)) continue;  // scheduled again when it has settled
     const double due_us = response_.NextLeakUs(state);
     if (due_us < t_us_) {
-      Emit(pixel, due_us, /*on=*/true, /*is_noise=*/true);
+      Emit(pixel, due_us, /*is_on=*/true, /*is_noise=*/true);
       response_.Rest(state, static_cast<uint32_t>(due_us));
       state.memory = state.output;
     }
@@ -166,7 +166,7 @@ void EventSensor::AddNoise() {
   if (missing > 0.0) noise_.AddUniform(begin_us, end_us, missing, noise_events_);
   const double flood = FloodMean(begin_us, end_us);
   if (flood > 0.0) noise_.AddUniform(begin_us, end_us, flood, noise_events_);
-  for (const NoiseEvent& event : noise_events_) Emit(event.pixel, event.t_us, event.on, /*is_noise=*/true);
+  for (const NoiseEvent& event : noise_events_) Emit(event.pixel, event.t_us, event.is_on, /*is_noise=*/true);
 }
 
 double EventSensor::FloodMean(double begin_us, double end_us) const {
@@ -179,11 +179,11 @@ double EventSensor::FloodMean(double begin_us, double end_us) const {
   return options_.flood_hz * std::max(overlap_us, 0.0) * 1e-6;
 }
 
-void EventSensor::Emit(uint32_t pixel, double t_us, bool on, bool is_noise) {
+void EventSensor::Emit(uint32_t pixel, double t_us, bool is_on, bool is_noise) {
   const auto whole_us = static_cast<int64_t>(t_us);
   const int64_t in_step_us = std::clamp<int64_t>(whole_us, step_begin_us_, t_us_ - 1) - step_begin_us_;
   const auto width = static_cast<uint32_t>(geometry_.width_px);
-  pending_.push_back(Pack(in_step_us, pixel % width, pixel / width, on, is_noise));
+  pending_.push_back(Pack(in_step_us, pixel % width, pixel / width, is_on, is_noise));
 }
 
 // A refractory pixel emits no event: noise and signal share its refractory time.

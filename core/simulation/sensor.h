@@ -88,7 +88,7 @@ class EventSensor {
   void AddNoise();
   // Expected number of flood events in [begin_us, end_us).
   double FloodMean(double begin_us, double end_us) const;
-  void Emit(uint32_t pixel, double t_us, bool on, bool is_noise);
+  void Emit(uint32_t pixel, double t_us, bool is_on, bool is_noise);
   void AppendEvents(std::vector<Event>& events);
 
   SensorOptions options_;

@@ -105,7 +105,7 @@ void DefineAccess(CLI::App& app, Arguments& arguments) {
   app.add_flag("--operator", arguments.program.is_operator,
                "With --new-token: the token allows its holder to drain the server and to set its log level")
       ->needs("--new-token");
-  app.add_flag("--insecure", arguments.program.insecure,
+  app.add_flag("--insecure", arguments.program.permits_insecure,
                "Permit --listen on an address that other machines can reach, without encryption or without "
                "authentication");
 }
@@ -266,7 +266,7 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   app.add_option("--workers", options.worker_threads, "Threads that decode and track; 0: one per core");
   app.add_option("--slow-threads", options.slow_threads,
                  "Threads for slow work, such as creating sessions, and models that are prepared at a time");
-  app.add_option("--event-images", options.event_images,
+  app.add_option("--event-images", options.serves_event_images,
                  "Whether clients may watch images of the events of their sessions: true or false")
       ->type_name("BOOLEAN")
       ->default_str("true");
@@ -317,7 +317,7 @@ std::string InOptions(const absl::Status& status) {
 // Returns the reason for which the server must not listen on this address, or an empty string.
 std::string Exposure(const ProgramOptions& program, const ListenAddress& address) {
   const ServerOptions& options = program.server;
-  if (address.IsLoopback() || program.insecure) return "";
+  if (address.IsLoopback() || program.permits_insecure) return "";
   const std::string reached = absl::StrCat("other machines can reach ", options.listen_address);
   if (!options.tls.has_tls()) {
     return absl::StrCat(reached,

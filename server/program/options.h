@@ -23,7 +23,7 @@ struct ProgramOptions {
   std::string load_listen;          // HOST:PORT; empty: no such listener
   std::string store_password_file;  // empty: none
   absl::Duration shutdown_notice;   // from a signal until streams are asked to finish
-  bool insecure = false;
+  bool permits_insecure = false;
   std::string new_token;            // tenant for which a token is made; empty: the server is started
   bool divides_store = false;       // the groups of the store get equal parts of it; the server is not started
   bool is_operator = false;         // the new token is an operator's

@@ -263,7 +263,7 @@ class ServerImpl : public Server, public Drainer {
                  options.stream_idle_timeout,
                  options.upload_timeout,
                  options.max_model_bytes,
-                 options.event_images,
+                 options.serves_event_images,
                  options.drain_timeout,
                  *metrics_,
                  log_limiter_},

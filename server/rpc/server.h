@@ -97,7 +97,7 @@ struct ServerOptions {
   // check costs one small request; a longer interval delays the report of an outage.
   absl::Duration store_check_period = absl::Seconds(1);
   // Whether tenants may watch the events of their sessions (SessionService.WatchEvents).
-  bool event_images = true;
+  bool serves_event_images = true;
   // Called once, by a thread of gRPC, after a call of AdminService.Drain. The program must then call Shutdown() with
   // this duration, but from another thread; the callback must not block.
   std::function<void(absl::Duration)> on_drain;

@@ -38,10 +38,10 @@ absl::StatusOr<std::optional<HandEye>> AlignmentArguments::Solve(const Trajector
                                                                  const Trajectory& estimate) const {
   HandEyeOptions options;
   options.mount = MountOf(truth_of);
-  options.same_frames = !is_rigid();
+  options.has_same_frames = !is_rigid();
   options.min_second_axis_rad = 0.0;  // the product of the transforms is determined without a second axis
   EVPOSE_ASSIGN_OR_RETURN(options.time_offset_s, ParseTimeOffset(time_offset));
-  if (options.same_frames && options.time_offset_s) {
+  if (options.has_same_frames && options.time_offset_s) {
     if (*options.time_offset_s == 0.0) return std::nullopt;
     return HandEye{.time_offset_s = *options.time_offset_s};
   }

@@ -84,8 +84,9 @@ absl::Status RunReplay(const ReplayArguments& arguments, CliContext& context) {
   const auto stop_reading = [&context, stop = options.stop.get_token()] {
     return stop.stop_requested() || context.IsInterrupted();
   };
-  EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs, ReadRunInputs(context, arguments.track,
-                                                          {.follow = arguments.is_following, .stop = stop_reading}));
+  EVPOSE_ASSIGN_OR_RETURN(
+      RunInputs inputs,
+      ReadRunInputs(context, arguments.track, {.is_following = arguments.is_following, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context, {});
   EVPOSE_RETURN_IF_ERROR(run.Open());
   // With --resume, a read error leaves the session unchanged, so that the same command can continue it.

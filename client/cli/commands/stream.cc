@@ -82,7 +82,7 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
     return stop.stop_requested() || context.IsInterrupted();
   };
   EVPOSE_ASSIGN_OR_RETURN(RunInputs inputs,
-                          ReadRunInputs(context, arguments.track, {.follow = true, .stop = stop_reading}));
+                          ReadRunInputs(context, arguments.track, {.is_following = true, .stop = stop_reading}));
   SessionRun run(arguments.track, inputs, context,
                  {{"--overload", arguments.overload}, {"--max-lag", absl::StrCat(arguments.max_lag_s)}});
   // Stops a source that waits for standard input.

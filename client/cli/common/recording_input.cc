@@ -14,7 +14,7 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenSeenBy(const CameraModel& c
                                                             const RecordingReaderOptions& options) {
   EVPOSE_ASSIGN_OR_RETURN(
       std::unique_ptr<RecordingReader> reader,
-      OpenRecording(recording_path, {.follow = options.follow,
+      OpenRecording(recording_path, {.is_following = options.is_following,
                                      .stop = options.stop,
                                      .geometry = SensorGeometry{camera.width_px, camera.height_px}}));
   EVPOSE_RETURN_IF_ERROR(CheckCameraMatches(camera, camera_path, reader->header(), recording_path));

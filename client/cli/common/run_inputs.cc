@@ -257,9 +257,10 @@ absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArgu
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   const auto stop = std::make_shared<StopRequest>();
   stop->stop = reader_options.stop;
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<RecordingReader> reader,
-                          OpenSeenBy(inputs.camera, arguments.camera, arguments.recording,
-                                     {.follow = reader_options.follow, .stop = [stop] { return stop->Ask(); }}));
+  EVPOSE_ASSIGN_OR_RETURN(
+      std::unique_ptr<RecordingReader> reader,
+      OpenSeenBy(inputs.camera, arguments.camera, arguments.recording,
+                 {.is_following = reader_options.is_following, .stop = [stop] { return stop->Ask(); }}));
   inputs.reader = std::make_unique<StoppableReader>(std::move(reader), stop, inputs, arguments);
   return inputs;
 }

@@ -208,7 +208,7 @@ bool BranchAndBound::MayHoldInlier(size_t j, const Eigen::Vector3d& turned_norma
 std::pair<int, int> BranchAndBound::Bounds(const Eigen::Vector3d& centre, const Eigen::Matrix3d& rotation,
                                            const Level& level, int needed) const {
   // If the remainder alone exceeds the bound of the ball, the first order cannot be sharper.
-  const bool is_first_order = options_.use_first_order_bound && level.half_width < 0.25;
+  const bool is_first_order = options_.uses_first_order_bound && level.half_width < 0.25;
   Eigen::Matrix3d gradient_map = Eigen::Matrix3d::Zero();
   if (is_first_order) gradient_map = LeftJacobianSo3(centre).transpose() * rotation;
   int lower = 0;
@@ -377,7 +377,7 @@ absl::StatusOr<Problem> MakeProblem(absl::Span<const Eigen::Vector3d> normals,
   problem.normals.assign(normals.begin(), normals.end());
   problem.directions.assign(directions.begin(), directions.end());
   problem.is_matched = is_matched;
-  if (options.use_symmetry) {
+  if (options.uses_symmetry) {
     problem.symmetries = is_matched ? SignSymmetries(directions) : DirectionSymmetries(directions);
     problem.slack_rad = SymmetryDeviation(directions, problem.symmetries);
   }

@@ -37,9 +37,9 @@ struct RotationBnbOptions {
   double distinct_rad = 0.06;
   // Restricts the search to one rotation of each class that the directions cannot distinguish; false: the whole ball,
   // as published.
-  bool use_symmetry = true;
+  bool uses_symmetry = true;
   // Uses the first-order bound beside the published one (rotation_bnb.cc); false: the published bound alone.
-  bool use_first_order_bound = true;
+  bool uses_first_order_bound = true;
 
   // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;

@@ -92,10 +92,10 @@ TEST_P(RotationBnbVariants, EqualsBruteForceOnSmallProblems) {
   EXPECT_GE(equal, kProblems - 1);  // a plateau may be smaller than the grid
 }
 
-RotationBnbOptions Variant(bool use_symmetry, bool use_first_order_bound) {
+RotationBnbOptions Variant(bool uses_symmetry, bool uses_first_order_bound) {
   RotationBnbOptions options;
-  options.use_symmetry = use_symmetry;
-  options.use_first_order_bound = use_first_order_bound;
+  options.uses_symmetry = uses_symmetry;
+  options.uses_first_order_bound = uses_first_order_bound;
   return options;
 }
 
@@ -136,9 +136,9 @@ TEST(RotationBnb, VariantsAgreeAndTheSharperNeedFewerBranches) {
     RotationBnbOptions options = Variant(false, false);
     options.max_plateau_branches = 0;
     const auto a = MaximisePerpendicular(normals, BoxDirections(), options);
-    options.use_first_order_bound = true;
+    options.uses_first_order_bound = true;
     const auto b = MaximisePerpendicular(normals, BoxDirections(), options);
-    options.use_symmetry = true;
+    options.uses_symmetry = true;
     const auto c = MaximisePerpendicular(normals, BoxDirections(), options);
     ASSERT_TRUE(a.ok() && b.ok() && c.ok());
     EXPECT_TRUE(a->is_certified() && b->is_certified() && c->is_certified());

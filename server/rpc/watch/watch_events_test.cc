@@ -75,7 +75,7 @@ TEST_F(WatchEventsTest, ASensorMayHaveTooManyPixelsForSmallCells) {
 
 TEST_F(WatchEventsTest, TheOperatorMaySwitchItOff) {
   ServerOptions options = Options();
-  options.event_images = false;
+  options.serves_event_images = false;
   Connect(options);
   EXPECT_EQ(WatchError(Request(CreateSession())), "FAILED_PRECONDITION EVENT_IMAGES_OFF");
 }
