@@ -17,8 +17,6 @@ namespace {
 
 constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
-double MedianOf(std::vector<double> values) { return values.empty() ? kNoNumber : UpperMedian(values); }
-
 struct FirstPoseFigures {
   int found = 0;
   int wrong = 0;            // starts with a wrong pose while TRACKING
@@ -50,9 +48,9 @@ FirstPoseFigures FiguresOf(const FirstPoseBenchRow& row) {
     if (trial.has_moved) searches_ms.push_back(1e3 * trial.compute_s);
     figures.worst_search_ms = std::max(figures.worst_search_ms, 1e3 * trial.compute_s);
   }
-  figures.time_ms = MedianOf(times_ms);
-  figures.compute_ms = MedianOf(computes_ms);
-  figures.search_ms = MedianOf(searches_ms);
+  figures.time_ms = UpperMedianOr(times_ms, kNoNumber);
+  figures.compute_ms = UpperMedianOr(computes_ms, kNoNumber);
+  figures.search_ms = UpperMedianOr(searches_ms, kNoNumber);
   return figures;
 }
 

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/lib/client_access.h"
 #include "client/lib/messages/core_types.h"
+#include "core/base/byte_order.h"
 #include "core/base/status_macros.h"
 #include "core/models/object_model.h"
 
@@ -60,7 +61,7 @@ absl::StatusOr<size_t> MemoryReader::Read(absl::Span<uint8_t> buffer) {
 
 absl::StatusOr<SessionConfig> UploadSession(Client& client, const SpeedRecording& recording, Encoding encoding) {
   const std::string obj = ObjectModelToObj(*recording.model);
-  const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(obj.data()), obj.size());
+  const absl::Span<const uint8_t> bytes = AsBytes(obj);
   EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, client.UploadModel(bytes, {}));
   SessionConfig config;
   config.encoding = FromCore(encoding);

@@ -6,6 +6,7 @@
 
 #include <memory>
 
+#include "core/base/byte_order.h"
 #include "core/events/decoder.h"
 
 namespace evpose::client {
@@ -18,7 +19,7 @@ std::vector<Event> Decode(const LoadRecording& recording, uint64_t num_chunks, D
   for (uint64_t i = 0; i < num_chunks; ++i) {
     const std::string payload = recording.Payload(i);
     EXPECT_EQ(payload.size() % 2, 0u);
-    decoder->Decode(absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(payload.data()), payload.size()), decoded);
+    decoder->Decode(AsBytes(payload), decoded);
   }
   counts = decoder->counts();
   return {decoded.events.begin(), decoded.events.end()};

@@ -8,6 +8,7 @@
 #include "client/containers/aedat/aedat_decoder.h"
 #include "client/containers/aedat/aedat_header.h"
 #include "client/containers/event_source.h"
+#include "core/base/byte_order.h"
 #include "core/base/status_macros.h"
 
 namespace evpose::client {
@@ -67,10 +68,6 @@ class AedatSource final : public EventSource {
   bool at_end_ = false;
 };
 
-absl::Span<const uint8_t> BytesOf(std::string_view text) {
-  return absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(text.data()), text.size());
-}
-
 // Parses a header with more and more bytes until they suffice.
 template <typename Header, typename Parse>
 absl::StatusOr<Header> ParseGrowing(ByteSource& bytes, const Parse& parse) {
@@ -95,7 +92,7 @@ std::string NameOf(const char* version, const std::string& sensor) {
 absl::StatusOr<std::unique_ptr<EventSource>> MakeSource2(std::unique_ptr<ByteSource> bytes, AedatHeader header) {
   if (header.sensor.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(const std::string_view prefix, bytes->Peek(header.size_bytes + kGuessedBytes));
-    header.layout = GuessAedat2Layout(BytesOf(prefix.substr(header.size_bytes)));
+    header.layout = GuessAedat2Layout(AsBytes(prefix.substr(header.size_bytes)));
     header.sensor = "DVS128";
     header.geometry = {128, 128};
   }
@@ -113,7 +110,7 @@ absl::StatusOr<std::unique_ptr<EventSource>> MakeSource2(std::unique_ptr<ByteSou
 absl::StatusOr<std::unique_ptr<EventSource>> MakeSource4(std::unique_ptr<ByteSource> bytes) {
   EVPOSE_ASSIGN_OR_RETURN(const Aedat4Header header,
                           ParseGrowing<Aedat4Header>(*bytes, [](std::string_view prefix, bool is_whole_file) {
-                            return ParseAedat4Header(BytesOf(prefix), is_whole_file);
+                            return ParseAedat4Header(AsBytes(prefix), is_whole_file);
                           }));
   bytes->Drop(header.size_bytes);
   return std::make_unique<AedatSource>(std::move(bytes), MakeAedat4Decoder(header),

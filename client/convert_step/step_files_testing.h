@@ -14,6 +14,7 @@
 
 #include "absl/status/statusor.h"
 #include "client/convert_step/step_reader.h"
+#include "core/base/byte_order.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/mesh/types/raw_mesh.h"
 #include "core/models/object_model.h"
@@ -57,8 +58,7 @@ class StepFilesTest : public testing::Test {
   // The model that a server makes of a mesh.
   static absl::StatusOr<ObjectModel> Prepare(const RawMesh& mesh) {
     const std::string bytes = server::EncodeMesh(mesh);
-    return server::ParseModelFile({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, ModelFormat::kMesh,
-                                  {});
+    return server::ParseModelFile(AsBytes(bytes), ModelFormat::kMesh, {});
   }
 
   const TemporaryDirectory directory_;

@@ -11,6 +11,7 @@
 #include "absl/strings/str_split.h"
 #include "absl/types/span.h"
 #include "client/diagnosis/tar_file.h"
+#include "core/base/byte_order.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
 #include "core/numerics/hash.h"
@@ -44,9 +45,7 @@ constexpr char kSurfaceAsIs[] = "as-is";
 
 using Files = std::map<std::string, std::string>;  // contents by name, without the folder
 
-std::string Digest(std::string_view bytes) {
-  return Sha256Hex(absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()));
-}
+std::string Digest(std::string_view bytes) { return Sha256Hex(AsBytes(bytes)); }
 
 // Returns the text of SHA256SUMS, in the format that `sha256sum -c` checks.
 std::string SumsOf(const Files& files) {

@@ -22,6 +22,7 @@
 #include "client/lib/stream/retry.h"
 #include "client/lib/tcp_probe.h"
 #include "client/lib/tls_probe.h"
+#include "core/base/byte_order.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
@@ -254,7 +255,7 @@ absl::StatusOr<ModelInfo> Client::UploadModelFile(const std::string& path, doubl
         absl::StrCat(path, ": has ", size, " bytes, but the server accepts models of at most ", max_bytes));
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(path, max_bytes));
-  return UploadModel({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, options);
+  return UploadModel(AsBytes(bytes), options);
 }
 
 absl::StatusOr<ModelInfo> Client::GetModel(const std::string& name, const std::stop_token& stop) {

@@ -20,6 +20,7 @@
 #include "client/model_intake/scene_reader.h"
 #include "client/model_intake/step_conversion.h"
 #include "client/model_intake/texture_lines.h"
+#include "core/base/byte_order.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/mesh/loading/text_lines.h"
@@ -28,10 +29,6 @@
 
 namespace evpose::client {
 namespace {
-
-absl::Span<const uint8_t> AsBytes(const std::string& text) {
-  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
-}
 
 std::string Mebibytes(uint64_t bytes) {
   return absl::StrFormat("%.3g MiB", std::ldexp(static_cast<double>(bytes), -20));

@@ -8,8 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "core/base/byte_order.h"
 #include "core/base/output_file.h"
 #include "core/base/temporary_directory_testing.h"
+#include "core/mesh/meshes_testing.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "server/models/mesh_message.h"
@@ -31,19 +33,9 @@ RawMesh MeshOf(const std::string& path) {
   EXPECT_TRUE(file.ok()) << file.status();
   if (!file.ok()) return {};
   EXPECT_EQ(file->format, evpose::ModelFormat::kMesh);
-  absl::StatusOr<RawMesh> mesh =
-      server::ParseMesh({reinterpret_cast<const uint8_t*>(file->bytes.data()), file->bytes.size()}, 100);
+  absl::StatusOr<RawMesh> mesh = server::ParseMesh(AsBytes(file->bytes), 100);
   EXPECT_TRUE(mesh.ok()) << mesh.status();
   return mesh.ok() ? *std::move(mesh) : RawMesh();
-}
-
-// Volume that the triangles enclose; positive if they are counter-clockwise seen from outside.
-double Volume(const RawMesh& mesh) {
-  double volume = 0.0;
-  for (const auto& [a, b, c] : mesh.triangles) {
-    volume += mesh.points[a].dot(mesh.points[b].cross(mesh.points[c])) / 6.0;
-  }
-  return volume;
 }
 
 TEST(ModelIntakeTest, AnImplausibleSizeOfAFileWithoutUnitIsNoticed) {
@@ -64,7 +56,7 @@ TEST_P(BoxOfEachFormatTest, HasTheSizeInMetresTheAxesOfTheFileAndItsWinding) {
   for (const Eigen::Vector3d& point : mesh.points) box.extend(Eigen::Vector3d(unit * point));
   EXPECT_LT((box.min() - Eigen::Vector3d::Zero()).norm(), 1e-8);
   EXPECT_LT((box.max() - Eigen::Vector3d(0.01, 0.02, 0.03)).norm(), 1e-8);
-  EXPECT_NEAR(Volume(mesh) * unit * unit * unit, 6e-6, 1e-11);
+  EXPECT_NEAR(EnclosedVolume(mesh) * unit * unit * unit, 6e-6, 1e-11);
 }
 
 TEST_P(BoxOfEachFormatTest, IsAModelOfTwelveEdges) {
@@ -168,8 +160,7 @@ TEST(ModelIntakeTest, PublicFilesOfEachFormatAreRead) {
         Public{"cad/counterX.3MF", 8080, 0.3048}}) {
     const absl::StatusOr<ModelFile> file = ReadModelFile(FindTestData(name));
     ASSERT_TRUE(file.ok()) << name << ": " << file.status();
-    const absl::StatusOr<RawMesh> mesh = server::ParseMesh(
-        {reinterpret_cast<const uint8_t*>(file->bytes.data()), file->bytes.size()}, ModelOptions().max_triangles);
+    const absl::StatusOr<RawMesh> mesh = server::ParseMesh(AsBytes(file->bytes), ModelOptions().max_triangles);
     ASSERT_TRUE(mesh.ok()) << mesh.status();
     Eigen::AlignedBox3d box;
     for (const Eigen::Vector3d& point : mesh->points) box.extend(point);

@@ -11,6 +11,7 @@
 
 #include "client/model_intake/model_intake.h"
 #include "client/model_intake/texture_edges.h"
+#include "core/base/byte_order.h"
 #include "core/base/output_file.h"
 #include "core/base/temporary_directory_testing.h"
 #include "gmock/gmock.h"
@@ -120,8 +121,7 @@ TEST_P(LabelTest, TheSquareOnTheBoxBecomesPaintedLines) {
   const absl::StatusOr<ModelFile> file = ReadModelFile(FindTestData("models/" + std::string(GetParam())));
   ASSERT_TRUE(file.ok()) << file.status();
   ASSERT_EQ(file->format, evpose::ModelFormat::kMesh);
-  const RawMesh mesh =
-      server::ParseMesh({reinterpret_cast<const uint8_t*>(file->bytes.data()), file->bytes.size()}, 100).value();
+  const RawMesh mesh = server::ParseMesh(AsBytes(file->bytes), 100).value();
   EXPECT_NEAR(Length(mesh), 2.0 * (0.005 + 0.010), 0.001);
   for (const auto& line : mesh.lines) {
     for (const uint32_t end : line) {

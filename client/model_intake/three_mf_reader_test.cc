@@ -12,6 +12,7 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/string_view.h"
 #include "core/base/temporary_directory_testing.h"
+#include "core/mesh/meshes_testing.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -71,12 +72,6 @@ class ThreeMfReaderTest : public testing::Test {
   const TemporaryDirectory directory_;
 };
 
-double Volume(const RawMesh& mesh) {
-  double volume = 0.0;
-  for (const auto& [a, b, c] : mesh.triangles) volume += mesh.points[a].dot(mesh.points[b].cross(mesh.points[c])) / 6.0;
-  return volume;
-}
-
 TEST_F(ThreeMfReaderTest, TransformsOfItemsAndNestedComponentsAreChained) {
   // Row vectors: the first three numbers are the image of the x axis, the last three that of the origin.
   const std::string move = "1 0 0 0 1 0 0 0 1 5 6 7", turn = "0 1 0 -1 0 0 0 0 1 0 0 0",
@@ -92,7 +87,7 @@ TEST_F(ThreeMfReaderTest, TransformsOfItemsAndNestedComponentsAreChained) {
   // (1, 0, 0) -> (6, 6, 7) -> (-6, 6, 7) -> (12, 6, 7)
   EXPECT_THAT(scene->mesh.points, ElementsAre(Eigen::Vector3d(12, 5, 7), Eigen::Vector3d(12, 6, 7),
                                               Eigen::Vector3d(14, 5, 7), Eigen::Vector3d(12, 5, 8)));
-  EXPECT_NEAR(Volume(scene->mesh), 2.0 / 6.0, 1e-12) << "mirrored triangles are turned over";
+  EXPECT_NEAR(EnclosedVolume(scene->mesh), 2.0 / 6.0, 1e-12) << "mirrored triangles are turned over";
   EXPECT_THAT(scene->notices, IsEmpty());
 }
 
@@ -109,7 +104,7 @@ TEST_F(ThreeMfReaderTest, ComponentsMayBeInOtherParts) {
       Read({{"3D/Objects/object_1.model", other}, {"_rels/.rels", kRelationships}, {"3D/3dmodel.model", start}});
   ASSERT_TRUE(scene.ok()) << scene.status();
   EXPECT_EQ(scene->mesh.triangles.size(), 8u);
-  EXPECT_NEAR(Volume(scene->mesh), 2.0 / 6.0 * 0.0254 * 0.0254 * 0.0254, 1e-12);
+  EXPECT_NEAR(EnclosedVolume(scene->mesh), 2.0 / 6.0 * 0.0254 * 0.0254 * 0.0254, 1e-12);
   EXPECT_EQ(Read({{"_rels/.rels", kRelationships}, {"3D/3dmodel.model", start}}).status().message(),
             "its archive has no 3D/Objects/object_1.model");
   const std::string metres = absl::StrReplaceAll(other, {{"\"inch\"", "\"meter\""}});

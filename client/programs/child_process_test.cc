@@ -6,6 +6,8 @@
 
 #include <string>
 
+#include "core/base/byte_order.h"
+
 namespace evpose::client {
 namespace {
 
@@ -35,7 +37,7 @@ TEST(ChildProcessTest, ReadsMoreThanAPipeHolds) {
 TEST(ChildProcessTest, WritesAndReads) {
   const auto process = Shell("read word; echo got $word");
   const std::string line = "hello\n";
-  ASSERT_TRUE(process->Write(absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(line.data()), line.size())).ok());
+  ASSERT_TRUE(process->Write(AsBytes(line)).ok());
   EXPECT_EQ(ReadAll(*process), "got hello\n");
   EXPECT_TRUE(process->Wait().ok());
 }

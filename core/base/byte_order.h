@@ -1,15 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Numbers in files and messages of a fixed byte order.
+// The bytes of texts, and numbers in files and messages of a fixed byte order.
 #pragma once
 
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
+#include "absl/types/span.h"
+
 namespace evpose {
+
+inline absl::Span<const uint8_t> AsBytes(std::string_view text) {
+  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
+}
 
 // The number whose bytes, least significant first, are the sizeof(T) bytes at `bytes`.
 template <std::integral T>

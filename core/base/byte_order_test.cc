@@ -19,6 +19,11 @@ TEST(ByteOrderTest, LoadsNumbersOfAllWidths) {
   EXPECT_EQ(LoadBigEndian<uint64_t>(kBytes), 0x8102030405060788u);
 }
 
+TEST(ByteOrderTest, BytesOfATextAreUnsigned) {
+  EXPECT_THAT(AsBytes(std::string("a\0\xff", 3)), ::testing::ElementsAre('a', 0, 255));
+  EXPECT_TRUE(AsBytes("").empty());
+}
+
 TEST(ByteOrderTest, KeepsTheSign) {
   EXPECT_EQ(LoadBigEndian<int16_t>(kBytes), -32510);
   EXPECT_LT(LoadLittleEndian<int64_t>(kBytes), 0);

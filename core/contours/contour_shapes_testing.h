@@ -16,6 +16,7 @@
 #include "core/contours/edge_elements.h"
 #include "core/models/object_model.h"
 #include "core/models/view_testing.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 
@@ -267,11 +268,9 @@ inline bool IsHidden(const DistanceField& field, const Eigen::Vector3d& eye, con
   return false;
 }
 
-// The p-quantile.
+// The p-quantile; NaN if there are no values.
 inline double Quantile(std::vector<double> values, double p) {
-  if (values.empty()) return std::nan("");
-  std::sort(values.begin(), values.end());
-  return values[std::min(values.size() - 1, static_cast<size_t>(p * static_cast<double>(values.size())))];
+  return values.empty() ? std::nan("") : UpperQuantile(values, p);
 }
 
 }  // namespace evpose

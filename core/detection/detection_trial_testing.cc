@@ -8,7 +8,6 @@
 #include "core/geometry/projected_line.h"
 #include "core/geometry/undistortion_table.h"
 #include "core/models/visibility.h"
-#include "core/numerics/statistics.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::testing {
@@ -163,7 +162,5 @@ DetectionScore Score(const ObjectRecording& recording, const LineDetection& dete
   for (const DetectedLine& line : detection.lines) ScoreLine(edges, line, score);
   return score;
 }
-
-double Median(std::vector<double> values) { return values.empty() ? 0.0 : UpperMedian(values); }
 
 }  // namespace evpose::testing

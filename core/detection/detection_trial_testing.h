@@ -48,6 +48,4 @@ struct DetectionScore {
 // Compares the lines at the end of the stretch with the model. Motion counts from `t_begin_us` on.
 DetectionScore Score(const ObjectRecording& recording, const LineDetection& detection, int64_t t_begin_us);
 
-double Median(std::vector<double> values);
-
 }  // namespace evpose::testing

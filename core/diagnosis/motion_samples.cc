@@ -15,8 +15,6 @@ void Halve(std::vector<double>& values) {
   values.resize((values.size() + 1) / 2);
 }
 
-double MedianOrZero(std::vector<double> values) { return values.empty() ? 0.0 : UpperMedian(values); }
-
 }  // namespace
 
 MotionSamples::MotionSamples(SensorGeometry geometry)
@@ -87,9 +85,9 @@ MotionSamples::Result MotionSamples::Measure() const {
   }
   Result result;
   result.num_samples = static_cast<int>(copy.speeds_px_per_s_.size());
-  result.speed_px_per_s = MedianOrZero(copy.speeds_px_per_s_);
-  result.extent_px = MedianOrZero(copy.extents_px_);
-  result.median_events_in_20_ms = MedianOrZero(copy.slices_);
+  result.speed_px_per_s = UpperMedianOr(copy.speeds_px_per_s_, 0.0);
+  result.extent_px = UpperMedianOr(copy.extents_px_, 0.0);
+  result.median_events_in_20_ms = UpperMedianOr(copy.slices_, 0.0);
   if (!copy.slices_.empty()) result.busy_events_in_20_ms = UpperQuantile(copy.slices_, 0.9);
   result.largest_events_in_20_ms = copy.largest_;
   result.busiest_us = copy.busiest_us_;

@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "core/models/cube_files_testing.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose {
 namespace {
@@ -62,8 +63,7 @@ double MedianOfLeastShares(const ObjectModel& model) {
     }
     least.push_back(share);
   }
-  std::sort(least.begin(), least.end());
-  return least[least.size() / 2];
+  return UpperMedian(least);
 }
 
 TEST(Findability, ANearlySymmetricBoxIsConfusedWithItsHalfTurns) {

@@ -26,7 +26,8 @@ double Deviation(absl::Span<const Eigen::Vector3d> directions, const Eigen::Matr
   return worst;
 }
 
-// Right-handed frame: first axis a, second axis in the plane of a and b.
+// Right-handed frame of unit vectors: first axis a, second axis in the plane of a and b. The function of the same name
+// in core/models/symmetry.cc normalises a, whose rounding would change the bits of poses here.
 Eigen::Matrix3d Frame(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   Eigen::Matrix3d frame;
   frame.col(0) = a;

@@ -6,25 +6,23 @@
 #include <string_view>
 #include <vector>
 
+#include "core/base/byte_order.h"
+
 namespace evpose {
 namespace {
 
-absl::Span<const uint8_t> Bytes(std::string_view text) {
-  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
-}
-
 // FIPS 180-2, appendix B.
 TEST(Sha256Test, KnownDigests) {
-  EXPECT_EQ(Sha256Hex(Bytes("")), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
-  EXPECT_EQ(Sha256Hex(Bytes("abc")), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+  EXPECT_EQ(Sha256Hex(AsBytes("")), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(Sha256Hex(AsBytes("abc")), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }
 
 TEST(Sha256Test, PiecesGiveTheDigestOfTheWhole) {
   Sha256 hash;
-  hash.Update(Bytes("a"));
+  hash.Update(AsBytes("a"));
   hash.Update({});
-  hash.Update(Bytes("bc"));
-  EXPECT_EQ(hash.FinishHex(), Sha256Hex(Bytes("abc")));
+  hash.Update(AsBytes("bc"));
+  EXPECT_EQ(hash.FinishHex(), Sha256Hex(AsBytes("abc")));
 }
 
 // RFC 3720, appendix B.4.

@@ -7,11 +7,12 @@
 //
 //   SelectNth             index n                                            reorders, O(n) on average
 //   UpperMedian           index size / 2: the larger middle value of an even number            the same
+//   UpperMedianOr         the same, or a given value for an empty list       copies the list
 //   UpperQuantile         index floor(q size): UpperMedian() for q = 1/2                       the same
 //   NearestQuantile       index q (size - 1), rounded                        of sorted values, O(1)
 //   InterpolatedQuantile  linear between the two values beside q (size - 1)                    the same
 //
-// No list may be empty, and q lies in [0, 1]. Values must be ordered by <; NaN is not.
+// No list may be empty, except for UpperMedianOr(), and q lies in [0, 1]. Values must be ordered by <; NaN is not.
 #pragma once
 
 #include <algorithm>
@@ -40,6 +41,12 @@ T SelectNth(std::vector<T>& values, size_t n) {
 template <typename T>
 T UpperMedian(std::vector<T>& values) {
   return SelectNth(values, values.size() / 2);
+}
+
+// The same, or `value_if_empty` for an empty list.
+template <typename T>
+T UpperMedianOr(std::vector<T> values, T value_if_empty) {
+  return values.empty() ? value_if_empty : UpperMedian(values);
 }
 
 // The same for another fraction q of the values.

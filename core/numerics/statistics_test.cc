@@ -35,6 +35,11 @@ TEST(StatisticsTest, MediansOfAnEvenNumberOfValues) {
   EXPECT_EQ(InterpolatedQuantile(Sorted(values), 0.5), 2.5);
 }
 
+TEST(StatisticsTest, AMedianOfNoValuesIsTheGivenOne) {
+  EXPECT_EQ(UpperMedianOr(Values(), -1.0), -1.0);
+  EXPECT_EQ(UpperMedianOr(Values{4.0, 2.0, 3.0, 1.0}, -1.0), 3.0);
+}
+
 TEST(StatisticsTest, MediansOfAnOddNumberOfValuesAgree) {
   const Values values = {4.0, 2.0, 5.0, 3.0, 1.0};
   Values copy = values;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/byte_order.h"
 #include "core/base/output_file.h"
 #include "core/events/events_testing.h"
 #include "core/numerics/hash.h"
@@ -32,9 +33,7 @@ struct RecordingCase {
 struct Recording {
   RecordingHeader header;
   std::string text;
-  absl::Span<const uint8_t> bytes() const {
-    return absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(text.data()), text.size()).subspan(header.size_bytes);
-  }
+  absl::Span<const uint8_t> bytes() const { return AsBytes(text).subspan(header.size_bytes); }
 };
 
 Recording Load(const std::string& path) {

@@ -25,11 +25,8 @@ Motion Moving(double speed_m_per_s) {
   return ConstantTwist(kStart, twist);
 }
 
-std::vector<Event> EventsOf(const Motion& motion, int64_t duration_us, uint64_t seed = 1) {
-  IdealEventOptions options;
-  options.duration_us = duration_us;
-  options.seed = seed;
-  return MakeIdealEvents(*MakeCube(0.15), kCamera, motion, options);
+std::vector<Event> CubeEvents(const Motion& motion, int64_t duration_us, uint64_t seed = 1) {
+  return EventsOf(*MakeCube(0.15), motion, 0, duration_us, seed);
 }
 
 struct SkipRun {
@@ -64,7 +61,7 @@ TEST(TrackerSkip, BridgesAGapWithAnUncertaintyThatHasGrown) {
   const Motion motion = Moving(0.3);
   double nees = 0.0;
   for (uint64_t seed = 1; seed <= 8; ++seed) {
-    const std::vector<Event> events = EventsOf(motion, 200'000, seed);
+    const std::vector<Event> events = CubeEvents(motion, 200'000, seed);
     const SkipRun run = TrackWithSkip(events, 100'000, 130'000);
     EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
     EXPECT_EQ(run.tracker->losses(), 0u);
@@ -89,7 +86,7 @@ TEST(TrackerSkip, BridgesAGapWithAnUncertaintyThatHasGrown) {
 
 TEST(TrackerSkip, AGapIsNotTreatedAsRest) {
   const Motion motion = Moving(0.5);
-  const std::vector<Event> events = EventsOf(motion, 200'000);
+  const std::vector<Event> events = CubeEvents(motion, 200'000);
   const SkipRun run = TrackWithSkip(events, 100'000, 110'000);
   // After AdvanceTime() instead of Skip() the tracker concludes that the object was at rest and reports its pose.
   const auto in_gap = [](const PoseEstimate& estimate) { return estimate.t_us > 100'000 && estimate.t_us < 110'000; };
@@ -104,7 +101,7 @@ TEST(TrackerSkip, AGapIsNotTreatedAsRest) {
 
 TEST(TrackerSkip, TheGivenPoseIsThatOfTheFirstEventAlsoWhenItIsSkipped) {
   const Motion motion = Moving(0.3);
-  const SkipRun run = TrackWithSkip(EventsOf(motion, 150'000), 0, 10'000);
+  const SkipRun run = TrackWithSkip(CubeEvents(motion, 150'000), 0, 10'000);
   EXPECT_TRUE(run.before.empty());
   EXPECT_EQ(run.tracker->state(), TrackState::kTracking);
   ASSERT_FALSE(run.after.empty());
@@ -113,7 +110,7 @@ TEST(TrackerSkip, TheGivenPoseIsThatOfTheFirstEventAlsoWhenItIsSkipped) {
 
 TEST(TrackerSkip, AfterALongGapThePoseIsLostAndNotGuessed) {
   const Motion motion = Moving(0.3);
-  std::vector<Event> events = EventsOf(motion, 100'000);
+  std::vector<Event> events = CubeEvents(motion, 100'000);
   IdealEventOptions later;
   later.t_begin_us = 5'000'000;
   later.duration_us = 100'000;

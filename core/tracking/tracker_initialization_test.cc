@@ -42,19 +42,14 @@ ObjectModel LineFigure(const std::vector<Eigen::Vector3d>& corners, bool is_clos
 }
 
 std::vector<Event> CubeEvents(int64_t t_begin_us, int64_t duration_us, const RigidTransform& start = kStart) {
-  IdealEventOptions options;
-  options.t_begin_us = t_begin_us;
-  options.duration_us = duration_us;
-  return MakeIdealEvents(*MakeCube(0.15), kCamera, ConstantTwist(start, kTwist), options);
+  return EventsOf(*MakeCube(0.15), ConstantTwist(start, kTwist), t_begin_us, duration_us);
 }
 
-std::vector<Event> Noise(double rate_hz, int64_t t_begin_us, int64_t duration_us) {
-  IdealEventOptions options;
-  options.events_per_px2 = 0.0;
-  options.clutter_per_s = rate_hz;
-  options.t_begin_us = t_begin_us;
-  options.duration_us = duration_us;
-  return MakeIdealEvents(*MakeCube(0.15), kCamera, ConstantTwist(kStart, kTwist), options);
+// 200 ms of the events of a single moving line.
+std::vector<Event> EventsOfOneLine() {
+  const ObjectModel line = LineFigure({{-0.1, -0.05, 0.0}, {0.1, 0.05, 0.0}}, false);
+  const Motion motion = ConstantTwist(MakePose({0.0, 0.0, 0.6}, {0.1, 0.2, 0.3}), Twist(0.1, -0.3, 0, 0, 0, 0));
+  return EventsOf(line, motion, 0, 200'000);
 }
 
 // Whether a pose is right within 2 deg and 2 % of depth, up to the symmetry.
@@ -185,12 +180,8 @@ TEST(TrackerInitialization, WaitsWhileNothingMoves) {
 
 TEST(TrackerInitialization, ReportsTooFewLines) {
   auto tracker = MakeTracker(IdealSensor());
-  IdealEventOptions options;
-  options.duration_us = 200'000;
-  const ObjectModel line = LineFigure({{-0.1, -0.05, 0.0}, {0.1, 0.05, 0.0}}, false);
-  const Motion motion = ConstantTwist(MakePose({0.0, 0.0, 0.6}, {0.1, 0.2, 0.3}), Twist(0.1, -0.3, 0, 0, 0, 0));
   std::vector<PoseEstimate> estimates;
-  tracker->AddEvents(MakeIdealEvents(line, kCamera, motion, options), estimates);
+  tracker->AddEvents(EventsOfOneLine(), estimates);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kTooFewLines);
   EXPECT_GE(tracker->initialization().num_lines, 1);
   EXPECT_TRUE(estimates.empty());
@@ -250,12 +241,8 @@ TEST(TrackerInitialization, TheEndOfTheStreamIsTheLossOfAGivenPoseThatIsStillTes
 // An object at rest at the end must not replace the reason of the searches before.
 TEST(TrackerInitialization, TheEndHasTheResultOfMostSearches) {
   auto tracker = MakeTracker(IdealSensor());
-  IdealEventOptions options;
-  options.duration_us = 200'000;
-  const ObjectModel line = LineFigure({{-0.1, -0.05, 0.0}, {0.1, 0.05, 0.0}}, false);
-  const Motion motion = ConstantTwist(MakePose({0.0, 0.0, 0.6}, {0.1, 0.2, 0.3}), Twist(0.1, -0.3, 0, 0, 0, 0));
   std::vector<PoseEstimate> estimates;
-  tracker->AddEvents(MakeIdealEvents(line, kCamera, motion, options), estimates);
+  tracker->AddEvents(EventsOfOneLine(), estimates);
   // Longer than InitializationOptions::memory_us.
   tracker->AddEvents(Noise(200.0, 200'000, 1'600'000), estimates);
   EXPECT_EQ(tracker->initialization().status, InitializationStatus::kWaitingForEvents);

@@ -24,7 +24,6 @@ namespace {
 
 using testing::HiddenBehind;
 using testing::IdealEventOptions;
-using testing::MakeCube;
 using testing::MakeIdealEvents;
 using testing::MakePose;
 using testing::MergeEvents;
@@ -128,24 +127,6 @@ Motion RestsForAMoment() {
     const double u = (t - 0.2) / 0.2;
     return Tumbling()(0.1 * (1.0 + u * u * u));
   };
-}
-
-std::vector<Event> EventsOf(const ObjectModel& model, const Motion& motion, int64_t t_begin_us, int64_t duration_us,
-                            uint64_t seed = 1) {
-  IdealEventOptions options;
-  options.t_begin_us = t_begin_us;
-  options.duration_us = duration_us;
-  options.seed = seed;
-  return MakeIdealEvents(model, kCamera, motion, options);
-}
-
-std::vector<Event> Noise(double rate_hz, int64_t t_begin_us, int64_t duration_us) {
-  IdealEventOptions options;
-  options.events_per_px2 = 0.0;
-  options.clutter_per_s = rate_hz;
-  options.t_begin_us = t_begin_us;
-  options.duration_us = duration_us;
-  return MakeIdealEvents(*MakeCube(0.15), kCamera, Tumbling(), options);
 }
 
 void Append(const std::vector<Event>& more, std::vector<Event>& events) {

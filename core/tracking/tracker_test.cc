@@ -57,22 +57,11 @@ Errors Compare(const std::vector<PoseEstimate>& estimates, const Motion& motion)
     rotation.push_back(RotationAngle(truth.rotation, estimate.camera_from_object.rotation));
   }
   errors.position_rmse_of_depth = std::sqrt(errors.position_rmse_of_depth);
-  std::sort(rotation.begin(), rotation.end());
   if (!rotation.empty()) {
-    errors.rotation_median_rad = rotation[rotation.size() / 2];
-    errors.rotation_max_rad = rotation.back();
+    errors.rotation_max_rad = *std::max_element(rotation.begin(), rotation.end());
+    errors.rotation_median_rad = UpperMedian(rotation);
   }
   return errors;
-}
-
-std::vector<Event> Noise(double rate_hz, int64_t t_begin_us, int64_t duration_us, uint64_t seed) {
-  IdealEventOptions options;
-  options.events_per_px2 = 0.0;
-  options.clutter_per_s = rate_hz;
-  options.t_begin_us = t_begin_us;
-  options.duration_us = duration_us;
-  options.seed = seed;
-  return MakeIdealEvents(*MakeCube(0.15), kCamera, ConstantTwist(kStart, Vector6d::Zero()), options);
 }
 
 Motion Tumble(double speed) {

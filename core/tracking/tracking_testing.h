@@ -3,7 +3,9 @@
 // Helpers of the tests of this folder: a camera, a cube, and the options of a tracker for ideal events.
 #pragma once
 
+#include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "core/estimation/ideal_events_testing.h"
 #include "core/models/symmetry.h"
@@ -27,6 +29,28 @@ inline std::shared_ptr<const ObjectModel> Cube(double edge_m = 0.15) {
   auto cube = std::make_shared<ObjectModel>(*testing::MakeCube(edge_m));
   cube->symmetries = FindSymmetries(*cube);
   return cube;
+}
+
+// Ideal events of the model's lines, with the clutter of IdealEventOptions.
+inline std::vector<Event> EventsOf(const ObjectModel& model, const testing::Motion& motion, int64_t t_begin_us,
+                                   int64_t duration_us, uint64_t seed = 1) {
+  testing::IdealEventOptions options;
+  options.t_begin_us = t_begin_us;
+  options.duration_us = duration_us;
+  options.seed = seed;
+  return testing::MakeIdealEvents(model, kCamera, motion, options);
+}
+
+// Uniform clutter without events of lines.
+inline std::vector<Event> Noise(double rate_hz, int64_t t_begin_us, int64_t duration_us, uint64_t seed = 1) {
+  testing::IdealEventOptions options;
+  options.events_per_px2 = 0.0;
+  options.clutter_per_s = rate_hz;
+  options.t_begin_us = t_begin_us;
+  options.duration_us = duration_us;
+  options.seed = seed;
+  const testing::Motion rest = testing::ConstantTwist(kStart, Vector6d::Zero());
+  return testing::MakeIdealEvents(*testing::MakeCube(0.15), kCamera, rest, options);
 }
 
 // Options for ideal events, which have neither lag nor shift.

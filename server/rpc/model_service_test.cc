@@ -4,6 +4,7 @@
 #include "server/rpc/model_service.h"
 
 #include "absl/strings/escaping.h"
+#include "core/base/byte_order.h"
 #include "core/numerics/hash.h"
 #include "server/rpc/server_testing.h"
 
@@ -29,8 +30,7 @@ TEST_F(ModelServiceTest, RejectsInvalidPageTokensOfModels) {
 TEST_F(ModelServiceTest, UploadsAModelInPiecesOnce) {
   const std::string file = kCubeObj;
   std::vector<v1::UploadModelRequest> requests = UploadRequests(file);
-  requests[0].mutable_header()->set_sha256(
-      absl::HexStringToBytes(Sha256Hex({reinterpret_cast<const uint8_t*>(file.data()), file.size()})));
+  requests[0].mutable_header()->set_sha256(absl::HexStringToBytes(Sha256Hex(AsBytes(file))));
   requests[1].set_chunk(file.substr(0, 100));
   requests.emplace_back().set_chunk(file.substr(100));
   v1::Model model;
@@ -103,7 +103,7 @@ TEST_F(ModelServiceTest, AFullModelStoreIsAnError) {
 
   // A repeated upload needs no space if its header has the digest.
   EXPECT_EQ(Describe(Upload(UploadRequests(file), &model)), "RESOURCE_EXHAUSTED MODEL_STORE_FULL");
-  const std::string digest = Sha256Hex({reinterpret_cast<const uint8_t*>(file.data()), file.size()});
+  const std::string digest = Sha256Hex(AsBytes(file));
   std::vector<v1::UploadModelRequest> known = UploadRequests(file);
   known[0].mutable_header()->set_sha256(absl::HexStringToBytes(digest));
   EXPECT_EQ(Describe(Upload(known, &model)), "OK");

@@ -7,6 +7,7 @@
 
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
+#include "core/base/byte_order.h"
 #include "core/base/poll_testing.h"
 #include "core/numerics/hash.h"
 #include "grpc/health/v1/health.grpc.pb.h"
@@ -326,8 +327,7 @@ TEST_F(StoreErrorsTest, AnIncomingSessionCountsForItsTenant) {
 TEST_F(StoreErrorsTest, AnUploadOfAModelDeletedByAnotherServerIsAborted) {
   const std::string file = kCubeObj;
   std::vector<v1::UploadModelRequest> requests = UploadRequests(file);
-  requests[0].mutable_header()->set_sha256(
-      absl::HexStringToBytes(Sha256Hex({reinterpret_cast<const uint8_t*>(file.data()), file.size()})));
+  requests[0].mutable_header()->set_sha256(absl::HexStringToBytes(Sha256Hex(AsBytes(file))));
   v1::Model model;
   ASSERT_EQ(Describe(Upload(requests, &model)), "OK");
   const auto here = channel_;

@@ -3,6 +3,7 @@
 // Tests SessionService.Track through a raw stub.
 #include <thread>
 
+#include "core/base/byte_order.h"
 #include "core/base/poll_testing.h"
 #include "core/numerics/hash.h"
 #include "server/rpc/server_testing.h"
@@ -12,9 +13,7 @@ namespace {
 
 using Kind = v1::TrackResponse;
 
-uint32_t CrcOf(const std::string& payload) {
-  return Crc32c({reinterpret_cast<const uint8_t*>(payload.data()), payload.size()});
-}
+uint32_t CrcOf(const std::string& payload) { return Crc32c(AsBytes(payload)); }
 
 class TrackTest : public RpcTest {
  protected:

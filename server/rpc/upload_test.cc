@@ -12,6 +12,7 @@
 #include "absl/strings/escaping.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "core/base/byte_order.h"
 #include "core/base/poll_testing.h"
 #include "core/numerics/hash.h"
 #include "evpose/v1/mesh.pb.h"
@@ -142,9 +143,7 @@ class KnownFileTest : public RpcTest {
         StartServer(options, FakeTrackers(gate_), std::make_unique<StoreWithHook>([this] { on_search_(); })).value();
     Use(server_->InProcessChannel());
     UploadCube();
-    const absl::string_view cube = kCubeObj;
-    known_[0].mutable_header()->set_sha256(absl::HexStringToBytes(
-        Sha256Hex(absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(cube.data()), cube.size()))));
+    known_[0].mutable_header()->set_sha256(absl::HexStringToBytes(Sha256Hex(AsBytes(kCubeObj))));
   }
   // "INVALID_ARGUMENT header.size_bytes" if the upload has got a place, because the file is missing.
   std::string BeginUpload() {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/byte_order.h"
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
@@ -62,7 +63,7 @@ std::string ConfigurationDigest(const SessionConfig& config,
   }
   for (const auto& model : models) WriteModel(model.get(), writer);
   const std::string bytes = writer.Take();
-  return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+  return Sha256Hex(AsBytes(bytes));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include <sstream>
 
+#include "core/base/byte_order.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/session_testing.h"
 
@@ -72,7 +73,7 @@ TEST(SessionPipelineTest, PosesAreThoseOfTheEvents) {
   const auto pipeline = MakePipeline(SomeConfig());
   const std::string bytes = Flat64({{5000, 10, 20, 1}, {5100, 30, 40, 0}, {6000, 7, 7, 0}});
   PipelineOutput output;
-  pipeline->Process({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, output);
+  pipeline->Process(AsBytes(bytes), output);
   ASSERT_EQ(output.poses.size(), 1u);
   EXPECT_EQ(output.poses[0].t_us, 5500);
   EXPECT_EQ(output.poses[0].camera_from_object.translation_m, Eigen::Vector3d(2, 40, 60));
@@ -87,7 +88,7 @@ TEST(SessionPipelineTest, AResetPoseIsReportedAsAChangeOfState) {
   PipelineOutput output;
   const auto feed = [&](const std::vector<Event>& events) {
     const std::string bytes = Flat64(events);
-    pipeline->Process({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, output);
+    pipeline->Process(AsBytes(bytes), output);
   };
   feed(SomeEvents(5, 8));
   EXPECT_TRUE(output.poses.empty()) << "no pose is reported before the first pose is known";

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <semaphore>
 
+#include "core/base/byte_order.h"
 #include "core/numerics/hash.h"
 #include "server/runtime/errors.h"
 #include "server/sessions/session_testing.h"
@@ -136,7 +137,7 @@ TEST_F(SessionTest, RefusesInvalidChunks) {
   EXPECT_EQ(GetErrorDetails(session_->PushResetPose(stream, 0, "cube", RigidTransform())).field, "reset_pose.seq");
 
   const std::string payload = Flat64(SomeEvents(1, 2));
-  const uint32_t crc = Crc32c({reinterpret_cast<const uint8_t*>(payload.data()), payload.size()});
+  const uint32_t crc = Crc32c(AsBytes(payload));
   EXPECT_TRUE(session_->PushEvents(stream, {.seq = 1, .crc32c = crc, .payload = payload}).ok());
 }
 

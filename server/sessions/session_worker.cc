@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/byte_order.h"
 #include "core/events/decoder.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/sessions/session_limits.h"
@@ -22,10 +23,6 @@ constexpr std::chrono::milliseconds kLongSlice{5};
 constexpr std::chrono::milliseconds kShortSlice{2};
 
 bool HasPose(TrackState state) { return state != TrackState::kInitializing && state != TrackState::kLost; }
-
-absl::Span<const uint8_t> PayloadOf(const EventChunk& chunk) {
-  return {reinterpret_cast<const uint8_t*>(chunk.payload.data()), chunk.payload.size()};
-}
 
 }  // namespace
 
@@ -96,7 +93,7 @@ bool SessionWorker::WorkOnEvents(const EventChunk& chunk) {
     counts_before_item_ = pipeline_->counts();
     if (chunk.discontinuity) pipeline_->ResetAfterLoss();
   }
-  const absl::Span<const uint8_t> slice = PayloadOf(chunk).subspan(item_offset_, slice_bytes_);
+  const absl::Span<const uint8_t> slice = AsBytes(chunk.payload).subspan(item_offset_, slice_bytes_);
   DropOrTrack(slice);
   item_offset_ += slice.size();
   return item_offset_ == chunk.payload.size();

@@ -10,6 +10,7 @@
 #include "client/containers/aedat/aedat4_decoder.h"
 #include "client/containers/aedat/aedat_decoder.h"
 #include "client/containers/aedat/aedat_header.h"
+#include "core/base/byte_order.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
 
@@ -56,7 +57,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   FuzzInput input(data, size);
   const size_t piece_bytes = 1u + input.Byte();
   const std::string file = input.RestAsText();
-  const absl::Span<const uint8_t> bytes(reinterpret_cast<const uint8_t*>(file.data()), file.size());
+  const absl::Span<const uint8_t> bytes = AsBytes(file);
   const auto header = ParseAedatHeader(file, true);
   if (!header.ok()) return 0;
   EVPOSE_FUZZ_REQUIRE(header->has_value() && (*header)->size_bytes <= file.size());

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/association/camera_tables.h"
+#include "core/base/byte_order.h"
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/initialization/search_model.h"
@@ -68,8 +69,8 @@ absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const server::SessionConfig
 std::shared_ptr<const ObjectModel> Tetrahedron() {
   static const std::string file =
       "v 0.1 0.1 0.1\nv 0.1 -0.1 -0.1\nv -0.1 0.1 -0.1\nv -0.1 -0.1 0.1\nf 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n";
-  static const auto model = std::make_shared<const ObjectModel>(
-      ParseObjectModel({reinterpret_cast<const uint8_t*>(file.data()), file.size()}, ModelFormat::kObj, {}).value());
+  static const auto model =
+      std::make_shared<const ObjectModel>(ParseObjectModel(AsBytes(file), ModelFormat::kObj, {}).value());
   return model;
 }
 
@@ -88,10 +89,6 @@ std::string EventsOf(double events_per_px2, double clutter_per_s, int64_t t_begi
   options.t_begin_us = t_begin_us;
   options.duration_us = duration_us;
   return server::Flat64(testing::MakeIdealEvents(*Tetrahedron(), kCamera, PoseAt, options));
-}
-
-absl::Span<const uint8_t> AsBytes(const std::string& text) {
-  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
 }
 
 struct Base {

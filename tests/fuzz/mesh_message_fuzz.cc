@@ -4,6 +4,7 @@
 // are valid. A valid mesh is the same after it was written and read again, and a model can be made of it or is refused.
 #include <cmath>
 
+#include "core/base/byte_order.h"
 #include "server/models/mesh_message.h"
 #include "tests/fuzz/fuzz_input.h"
 #include "tests/fuzz/require.h"
@@ -12,10 +13,6 @@ namespace evpose {
 namespace {
 
 constexpr size_t kMaxTriangles = 256;
-
-absl::Span<const uint8_t> AsBytes(const std::string& text) {
-  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
-}
 
 bool IsUnit(const Eigen::Vector3f& normal) { return std::abs(normal.norm() - 1.0f) < 1e-3f; }
 

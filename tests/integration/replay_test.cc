@@ -19,6 +19,7 @@
 
 #include "client/lib/fake_clock_testing.h"
 #include "client/lib/messages/core_types.h"
+#include "core/base/byte_order.h"
 #include "core/base/poll_testing.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/camera.h"
@@ -192,7 +193,7 @@ TEST_F(ReplayTest, OfEquivalentPosesTheOneNearestToTheReferenceIsFound) {
   const auto client = client::Client::Connect(server_.address);
   ASSERT_TRUE(client.ok()) << client.status();
   const std::string file = ReadText("cube/model.obj");
-  const auto uploaded = (*client)->UploadModel({reinterpret_cast<const uint8_t*>(file.data()), file.size()}, {});
+  const auto uploaded = (*client)->UploadModel(AsBytes(file), {});
   ASSERT_TRUE(uploaded.ok()) << uploaded.status();
   const auto camera = client::LoadCamera(Path("cube/camera.yaml"));
   const auto model = LoadObjectModel(Path("cube/model.obj"));

@@ -14,6 +14,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "core/base/byte_order.h"
 #include "evpose/client.h"
 #include "server/http/http_client_testing.h"
 #include "tests/integration/cutting_proxy.h"
@@ -87,7 +88,7 @@ class TraceTest : public CliTest {
   }
 
   static client::Session Create(client::Client& client, const std::string& model_file, const std::string& camera_file) {
-    const auto model = client.UploadModel({reinterpret_cast<const uint8_t*>(model_file.data()), model_file.size()}, {});
+    const auto model = client.UploadModel(AsBytes(model_file), {});
     EXPECT_TRUE(model.ok()) << model.status();
     client::SessionConfig config;
     config.camera = client::LoadCamera(camera_file).value();

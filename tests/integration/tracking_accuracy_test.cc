@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/byte_order.h"
 #include "core/baselines/estimators/estimator_factory.h"
 #include "core/evaluation/evaluate.h"
 #include "core/geometry/rigid_transform.h"
@@ -112,8 +113,7 @@ TEST(TrackingAccuracy, TheCubeIsTrackedWithinTheGoalAndBetterThanByTheStaticFit)
 // The model as it is read from the file that the simulator writes, in which both sides of the plate are visible.
 std::shared_ptr<const ObjectModel> AsFile(const ObjectModel& model) {
   const std::string text = ObjectModelToObj(model);
-  return std::make_shared<ObjectModel>(
-      ParseObjectModel({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, ModelFormat::kObj, {}).value());
+  return std::make_shared<ObjectModel>(ParseObjectModel(AsBytes(text), ModelFormat::kObj, {}).value());
 }
 
 // The plate differs from its flipped and turned poses by one line, and its edges have about ten times as many events of

@@ -25,6 +25,7 @@
 #include "core/evaluation/model_views.h"
 #include "core/evaluation/near_symmetries.h"
 #include "core/models/object_model.h"
+#include "core/numerics/statistics.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::client {
@@ -134,8 +135,8 @@ template <typename Get>
 Deviation DeviationOver(const std::vector<ModelView>& views, const Get& get) {
   std::vector<double> values;
   for (const ModelView& view : views) values.push_back(get(view));
-  std::sort(values.begin(), values.end());
-  return {values[values.size() / 2], values.back()};
+  const double largest = *std::max_element(values.begin(), values.end());
+  return {UpperMedian(values), largest};
 }
 
 ViewSummary Summarise(const std::vector<ModelView>& views) {

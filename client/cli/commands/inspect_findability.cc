@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/strings/str_format.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose::client {
 namespace {
@@ -41,12 +42,10 @@ RivalSummary SummariseRival(const std::vector<ViewFindability>& views, size_t ri
     lengths_px.push_back(view.rivals[rival].differing_px);
     summary.num_similar += shares.back() < kSimilarShare ? 1 : 0;
   }
-  std::sort(shares.begin(), shares.end());
-  std::sort(lengths_px.begin(), lengths_px.end());
-  summary.median_share = shares[shares.size() / 2];
-  summary.least_share = shares.front();
-  summary.median_px = lengths_px[lengths_px.size() / 2];
-  summary.least_px = lengths_px.front();
+  summary.least_share = *std::min_element(shares.begin(), shares.end());
+  summary.median_share = UpperMedian(shares);
+  summary.least_px = *std::min_element(lengths_px.begin(), lengths_px.end());
+  summary.median_px = UpperMedian(lengths_px);
   return summary;
 }
 
@@ -57,11 +56,10 @@ FindabilitySummary SummariseFindability(const std::vector<ViewFindability>& view
     if (std::isfinite(view.smallest_px)) smallest_px.push_back(view.smallest_px);
     summary.num_thin += view.edge_px < FindabilityOptions().min_edge_px ? 1 : 0;
   }
-  std::sort(smallest_px.begin(), smallest_px.end());
   summary.num_findable = smallest_px.size();
   if (!smallest_px.empty()) {
-    summary.median_px = smallest_px[smallest_px.size() / 2];
-    summary.worst_px = smallest_px.back();
+    summary.worst_px = *std::max_element(smallest_px.begin(), smallest_px.end());
+    summary.median_px = UpperMedian(smallest_px);
   }
   for (size_t rival = 0; rival < views.front().rivals.size(); ++rival)
     summary.rivals.push_back(SummariseRival(views, rival));

@@ -8,6 +8,7 @@
 #include "client/cli/common/command.h"
 #include "client/cli/console/wait_message.h"
 #include "client/model_intake/model_intake.h"
+#include "core/base/byte_order.h"
 #include "core/base/status_macros.h"
 #include "server/runtime/client_text.h"
 #include "server/runtime/enum_number.h"
@@ -73,8 +74,7 @@ absl::StatusOr<ModelUpload> ModelReadingArguments::ReadForUpload(const CliContex
 absl::StatusOr<ModelInfo> UploadModel(const CliContext& context, Client& client, const std::string& path,
                                       const ModelUpload& model) {
   const WaitMessage wait(context, absl::StrCat("the server to prepare ", path));
-  absl::StatusOr<ModelInfo> info =
-      client.UploadModel({reinterpret_cast<const uint8_t*>(model.bytes.data()), model.bytes.size()}, model.options);
+  absl::StatusOr<ModelInfo> info = client.UploadModel(AsBytes(model.bytes), model.options);
   if (!info.ok()) return ModelError(path, info.status());
   info->notices.insert(info->notices.begin(), model.notices.begin(), model.notices.end());
   return info;

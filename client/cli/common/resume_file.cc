@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "core/base/byte_order.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
@@ -33,7 +34,7 @@ absl::Status Error(const std::string& path, const char* what) {
 
 uint32_t Checksum(const Json& json) {
   const std::string text = json.dump();
-  return Crc32c({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+  return Crc32c(AsBytes(text));
 }
 
 // Json::get() converts any number, and the conversion of one outside the range is undefined.

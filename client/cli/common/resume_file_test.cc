@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/byte_order.h"
 #include "core/base/output_file.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/numerics/hash.h"
@@ -104,7 +105,7 @@ std::string WithField(const ResumeRecord& record, const std::string& pointer, co
   json.erase("crc32c");
   json[Json::json_pointer(pointer)] = Json::parse(value);
   const std::string text = json.dump();
-  json["crc32c"] = Crc32c({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+  json["crc32c"] = Crc32c(AsBytes(text));
   return json.dump();
 }
 

@@ -15,6 +15,7 @@
 #include "client/lib/client_access.h"
 #include "client/lib/messages/core_types.h"
 #include "client/lib/messages/status_details.h"
+#include "core/base/byte_order.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
@@ -30,9 +31,7 @@ constexpr absl::Duration kMaxTimeBetween = absl::Seconds(1);
 // The sizes of pose files are kept under the IDs of their objects, in which PoseFiles::Check() refuses a slash.
 constexpr char kClockLogKey[] = "/--clock-log";
 
-std::string Digest(const std::string& bytes) {
-  return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}).substr(0, 32);
-}
+std::string Digest(const std::string& bytes) { return Sha256Hex(AsBytes(bytes)).substr(0, 32); }
 
 // Returns the inputs and options that must be the same when a run is continued, by the names used in errors.
 std::map<std::string, std::string> Identify(const RunArguments& arguments, const RunInputs& inputs) {

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client/containers/aedat/aedat_testing.h"
+#include "core/base/byte_order.h"
 #include "tests/data/test_data.h"
 
 namespace evpose::client {
@@ -97,8 +98,7 @@ TEST_P(Aedat2RecordingTest, HasTheExpectedEvents) {
   std::ifstream file(path, std::ios::binary);
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   AedatHeader header = ParseAedatHeader(text, true).value().value();
-  const absl::Span<const uint8_t> bytes =
-      absl::MakeConstSpan(reinterpret_cast<const uint8_t*>(text.data()), text.size()).subspan(header.size_bytes);
+  const absl::Span<const uint8_t> bytes = AsBytes(text).subspan(header.size_bytes);
   if (header.sensor.empty()) {
     header.layout = GuessAedat2Layout(bytes);
     header.geometry = {128, 128};

@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "core/base/byte_order.h"
 #include "core/base/state_io.h"
 #include "core/numerics/hash.h"
 
@@ -18,11 +19,11 @@ OutgoingChunk MakeOutgoingReset(const FeedPoint& point, std::string message) {
 OutgoingChunk MakeOutgoingChunk(const FeedPoint& point, std::string payload, bool discontinuity) {
   OutgoingChunk chunk;
   chunk.discontinuity = discontinuity;
-  chunk.crc32c = Crc32c({reinterpret_cast<const uint8_t*>(payload.data()), payload.size()});
+  chunk.crc32c = Crc32c(AsBytes(payload));
   StateWriter both;
   both(point.digest, chunk.crc32c);
   const std::string bytes = both.Take();
-  const uint32_t digest = Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+  const uint32_t digest = Crc32c(AsBytes(bytes));
   chunk.end = {point.seq + 1, point.bytes + payload.size(), digest};
   chunk.payload = std::move(payload);
   return chunk;

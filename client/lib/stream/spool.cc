@@ -15,6 +15,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "core/base/byte_order.h"
 #include "core/base/state_io.h"
 #include "core/base/status_macros.h"
 #include "core/numerics/hash.h"
@@ -33,7 +34,7 @@ constexpr uint64_t kMinBytes = 16 << 20;
 // A number of files that can remain open.
 constexpr uint64_t kMaxSegments = 128;
 
-uint32_t Crc(const char* data, size_t size) { return Crc32c({reinterpret_cast<const uint8_t*>(data), size}); }
+uint32_t Crc(const char* data, size_t size) { return Crc32c(AsBytes({data, size})); }
 
 // Calls `transfer(done)`, which reads or writes from this position on, until `size` bytes are done. Returns false at
 // the end of the file, where errno is unchanged, and on errors, of which errno has the cause.

@@ -23,6 +23,8 @@
 namespace evpose {
 namespace {
 
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
+
 // A trial with all inputs that a method may use.
 struct PreparedTrial {
   uint64_t trial_seed = 0;
@@ -100,10 +102,6 @@ InitializationProblem ProblemFor(const InitializationMethod& method, const LineT
   return problem;
 }
 
-double MedianOrNan(std::vector<double>& values) {
-  return values.empty() ? std::numeric_limits<double>::quiet_NaN() : UpperMedian(values);
-}
-
 using FoundPoses = std::vector<absl::StatusOr<RigidTransform>>;  // result of each trial
 
 InitializationBenchRow RunMethod(const InitializationMethod& method, const InitializationFunction& estimate,
@@ -134,11 +132,10 @@ InitializationBenchRow RunMethod(const InitializationMethod& method, const Initi
     sum_right_px += error.reprojection_px;
   }
   row.reprojection_mean_px = Mean(errors_px);
-  row.reprojection_median_px = MedianOrNan(errors_px);
-  row.reprojection_mean_right_px =
-      row.num_right > 0 ? sum_right_px / row.num_right : std::numeric_limits<double>::quiet_NaN();
+  row.reprojection_median_px = UpperMedianOr(errors_px, kNoNumber);
+  row.reprojection_mean_right_px = row.num_right > 0 ? sum_right_px / row.num_right : kNoNumber;
   row.worst_ms = *std::max_element(times_ms.begin(), times_ms.end());
-  row.median_ms = MedianOrNan(times_ms);
+  row.median_ms = UpperMedianOr(times_ms, kNoNumber);
   return row;
 }
 
@@ -157,7 +154,7 @@ absl::StatusOr<CertificateCounts> Certify(const LineTrialGenerator& trials, absl
     counts.num_not_maximum += certificate.optimality == RotationOptimality::kNotMaximum;
     counts.num_unknown += certificate.optimality == RotationOptimality::kUnknown;
   }
-  counts.median_ms = MedianOrNan(times_ms);
+  counts.median_ms = UpperMedianOr(times_ms, kNoNumber);
   return counts;
 }
 

@@ -15,6 +15,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "core/base/byte_order.h"
 #include "core/base/state_io.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/estimation/ideal_events_testing.h"
@@ -83,7 +84,7 @@ std::string Describe(const std::string& request_id, const Session& session) {
   for (const StoredPose& pose : session.ReadPoses(0, SIZE_MAX)) AppendPose(pose, poses);
   const auto digest = [](StateWriter& writer) {
     const std::string bytes = writer.Take();
-    return Sha256Hex({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}).substr(0, 16);
+    return Sha256Hex(AsBytes(bytes)).substr(0, 16);
   };
   const SessionHealth health = session.Snapshot().health;
   return absl::StrCat(request_id, " configuration ", digest(configuration), " poses ", health.poses, " ", digest(poses),

@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "core/base/byte_order.h"
 #include "core/numerics/hash.h"
 #include "server/runtime/errors.h"
 
@@ -41,7 +42,7 @@ TEST(ChunkCheckTest, AChunkWithoutAnyFieldIsASignOfLife) {
 
 TEST(ChunkCheckTest, ComparesTheChecksum) {
   EventChunk chunk = Chunk(16);
-  chunk.crc32c = Crc32c({reinterpret_cast<const uint8_t*>(chunk.payload.data()), chunk.payload.size()});
+  chunk.crc32c = Crc32c(AsBytes(chunk.payload));
   EXPECT_TRUE(Check(chunk).ok());
   chunk.payload[9] ^= 1;
   const absl::Status damaged = Check(chunk);
