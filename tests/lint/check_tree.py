@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks the files of the tree, also new ones that are not ignored: licence lines, sizes of folders, of files and of the README, columns
 of documents, the READMEs of the libraries and the headers that those of core/ mention, whether every document, section, heading, equation
-and path that is cited exists, whether the numbers of equations are unique, and whether each event of the server's log is described. Prints
-each finding as `file:line: text` and exits with status 1 if there is one."""
+and path that is cited exists, whether the history has each commit that a document names, whether the numbers of equations are unique, and
+whether each event of the server's log is described. Prints each finding as `file:line: text` and exits with status 1 if there is one."""
 
 import collections
 import os
@@ -34,6 +34,8 @@ HEADING = re.compile(r"^#{1,6} +(.*?) *#*$", re.M)
 # An event of the log: the name in a call, or a constant for it.
 LOG_EVENT = re.compile(r"\b(?:Log|Write|WriteEnd)\(LogLevel::k\w+,\s*\"(\w+)\"|\bkEvent\[\] = \"(\w+)\"")
 LOG_EVENTS = "deploy/README.md"
+# A commit of this repository in a document. After other words than these, hexadecimal digits are digests or commits of other projects.
+COMMIT = re.compile(r"\b(?:evpose(?:\s+\d+\.\d+\.\d+)?\s+(?:before\s+)?\(?|(?:commits?|Commits?)\s+|(?:at|At|before|Before|since|Since)\s+(?=\d*[a-f]))([0-9a-f]{7,8})\b")
 CODE_BLOCK = re.compile(r"^```.*?^```", re.M | re.S)
 
 
@@ -144,6 +146,21 @@ def check_paths(file, text, findings):
             findings.append(f"{file}:{line}: {match.group(1)} does not exist")
 
 
+def ancestors():
+    """The hashes of HEAD and of the commits before it; None in a clone that lacks some of them."""
+    def git(*arguments):
+        return subprocess.run(["git", *arguments], check=True, capture_output=True, text=True).stdout
+    return None if git("rev-parse", "--is-shallow-repository").strip() == "true" else git("rev-list", "HEAD").split()
+
+
+def check_commits(file, text, hashes, findings):
+    """Each commit that a document names is HEAD or one before it: a reader can check it out. A rebase replaces commits."""
+    for match in COMMIT.finditer(text):
+        if not any(name.startswith(match.group(1)) for name in hashes):
+            line = text.count("\n", 0, match.start(1)) + 1
+            findings.append(f"{file}:{line}: the history has no commit {match.group(1)}: measure again, or name the commit that recorded this")
+
+
 def check_determinism(file, text, findings):
     """Between the decoder and a pose, functions of the C library that differ between processors (core/numerics/README.md)."""
     # Random numbers are drawn by the simulator and by tests only.
@@ -210,6 +227,7 @@ def check_headers_listed(files, findings):
 def main():
     files = tracked_files()
     findings = []
+    hashes = ancestors()
     folders = collections.Counter(os.path.dirname(f) for f in files)
     for folder, count in sorted(folders.items()):
         if count > MAX_FOLDER_FILES:
@@ -233,6 +251,8 @@ def main():
         check_size(file, text, findings)
         if file.endswith(".md"):
             check_columns(file, text, findings)
+            if hashes is not None:
+                check_commits(file, text, hashes, findings)
         check_determinism(file, text, findings)
         if SHARED_DATA in text and file != SHARED_DATA_FILE:
             findings.append(f"{file}:1: only {SHARED_DATA_FILE} names {SHARED_DATA}: use tests/data/test_data.h")
