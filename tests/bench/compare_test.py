@@ -23,9 +23,7 @@ def path(tracker_ratio):
 
 class CompareTest(unittest.TestCase):
     def setUp(self):
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
-        self.directory = pathlib.Path(directory.name)
+        self.directory = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def write(self, name, content):
         file = self.directory / name

@@ -18,6 +18,9 @@ import subprocess
 import sys
 import tempfile
 
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1]))
+import processes  # noqa: E402
+
 OBJECTS = ["cube", "cuboid", "planar", "book", "spacecraft"]
 LOW, HIGH = 3.0, 8.0
 
@@ -33,9 +36,8 @@ def draw_sensor(generator):
 
 
 def simulate(evpose, directory, name, sensor, seed, duration):
-    options = [str(item) for pair in sensor.items() for item in pair]
-    command = [evpose, "simulate", "--object", name, "--noise", "0.05", "--seed", str(seed), "--duration", str(duration)]
-    subprocess.run(command + options + ["--out", directory], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    options = [item for pair in sensor.items() for item in pair]
+    processes.simulate(evpose, directory, "--object", name, "--noise", "0.05", "--seed", seed, "--duration", duration, *options)
 
 
 def files(directory):

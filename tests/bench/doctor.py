@@ -15,6 +15,9 @@ import sys
 import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "tests"))
+from processes import run_evpose, simulate  # noqa: E402
+
 SENSORS = {"128x128": (128, 128, 150), "240x180": (240, 180, 200), "346x260": (346, 260, 290), "640x480": "vga", "1280x720": "evk4"}
 SMALL_SENSORS = ("128x128", "240x180")  # for scenes with events in all pixels
 CAMERA = """image_width: {w}
@@ -97,7 +100,7 @@ SCENES = [
 def change_events(evpose, recording, change):
     """Writes a CSV of the changed events beside the recording; returns its path."""
     plain = recording.with_suffix(".csv")
-    subprocess.run([evpose, "convert", recording, plain], check=True, capture_output=True)
+    run_evpose(evpose, "convert", recording, plain)
     heading, *lines = plain.read_text().splitlines()
     events = change([tuple(int(field) for field in line.split(",")) for line in lines])
     plain.write_text("\n".join([heading, *(f"{x},{y},{p},{t_us}" for x, y, p, t_us in events)]) + "\n")
@@ -126,8 +129,7 @@ def diagnose(evpose, folder, sensor, seed, options, change):
         path.write_text(CAMERA.format(w=width, h=height, f=focal_px, cx=width / 2 - 0.5, cy=height / 2 - 0.5))
         camera = path
     scene = folder / "scene"
-    subprocess.run([evpose, "simulate", "--object", "cube", "--camera", camera, "--duration", "0.6", "--start", "1", "--seed", str(seed),
-                    *options, "--out", scene], check=True, capture_output=True)
+    simulate(evpose, scene, "--object", "cube", "--camera", camera, "--duration", "0.6", "--start", "1", "--seed", seed, *options)
     recording = scene / "recording.raw"
     if change is not None:
         recording = change_events(evpose, recording, change)

@@ -18,9 +18,7 @@ def plot(*arguments):
 
 class PlotTest(unittest.TestCase):
     def setUp(self):
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
-        self.directory = pathlib.Path(directory.name)
+        self.directory = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def bench(self, *arguments):
         """The file with the output of the benchmark."""

@@ -11,7 +11,7 @@ import threading
 import unittest
 
 import numpy as np
-from testing import ROOT, evpose, run_evpose
+from testing import ROOT, evpose, message_of, run_evpose
 
 from evpose.channel import parse_address
 from evpose.files import to_duration_ns
@@ -35,19 +35,12 @@ ALIASES = "a0: &a0 [1, 1]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" f
 
 class InputTest(unittest.TestCase):
     def setUp(self):
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
-        self.directory = pathlib.Path(directory.name)
+        self.directory = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def write(self, name, content):
         path = self.directory / name
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
         return path
-
-    def refused(self, error, function, *arguments):
-        with self.assertRaises(error) as caught:
-            function(*arguments)
-        return str(caught.exception)
 
 
 class CameraTest(InputTest):
@@ -95,7 +88,7 @@ class CameraTest(InputTest):
         for model, numbers, words in (("", eight, "is missing, and distortion_coefficients has 8 numbers"),
                                       ("distortion_model: rational_polynomial\n", eight + [0, 0, 0, 9], "has 12 numbers"),
                                       ("distortion_model: equidistant\n", eight[:3], "has 3 numbers")):
-            self.assertIn(words, self.refused(evpose.InvalidArgumentError, read, model, numbers))
+            self.assertIn(words, message_of(evpose.InvalidArgumentError, read, model, numbers))
 
     def test_lens_models_of_the_api(self):
         for name, numbers in (("brown", 5), ("rational", 8), ("fisheye", 4)):
@@ -131,11 +124,11 @@ class CameraTest(InputTest):
                 (CAMERA_INFO, " " * 100_001, "larger than 100000 bytes"),
                 (CAMERA_INFO, "\x00", "camera.yaml")):
             with self.subTest(words):
-                message = self.refused(evpose.InvalidArgumentError, self.read, CAMERA_INFO.replace(old, new))
+                message = message_of(evpose.InvalidArgumentError, self.read, CAMERA_INFO.replace(old, new))
                 self.assertIn(words, message)
                 self.assertIn("camera.yaml", message)
-        self.assertIn("no such file", self.refused(evpose.NotFoundError, evpose.read_camera, self.directory / "none.yaml"))
-        self.assertIn("cannot be read", self.refused(evpose.InvalidArgumentError, evpose.read_camera, self.directory))
+        self.assertIn("no such file", message_of(evpose.NotFoundError, evpose.read_camera, self.directory / "none.yaml"))
+        self.assertIn("cannot be read", message_of(evpose.InvalidArgumentError, evpose.read_camera, self.directory))
 
     def test_a_camera_with_wrong_numbers(self):
         for changes, words in (({"width_px": 0}, "width_px"), ({"lens_model": "omni"}, "'omni'"), ({"distortion": (1.0,)}, "1 numbers"),
@@ -148,7 +141,7 @@ class CameraTest(InputTest):
     def test_sensor_profiles(self):
         self.assertEqual(evpose.read_sensor_profile(ROOT / "deploy/sensors/evk4.yaml"), evpose.SensorProfile())
         wrong = self.write("sensor.yaml", "blur_px: 1\n")
-        self.assertIn("pixel_noise_px", self.refused(evpose.InvalidArgumentError, evpose.read_sensor_profile, wrong))
+        self.assertIn("pixel_noise_px", message_of(evpose.InvalidArgumentError, evpose.read_sensor_profile, wrong))
 
     def test_every_constant_of_a_sensor_profile_is_sent(self):
         text = (ROOT / "deploy/sensors/evk4.yaml").read_text()
@@ -168,10 +161,10 @@ class CameraTest(InputTest):
                                ("text", "it has no keys"), ("", "it has no keys"), ("[" * 50_000, "neither YAML nor JSON"),
                                (" " * 100_001, "larger than 100000 bytes"), (b"\xff", "cannot be read")):
             with self.subTest(words):
-                message = self.refused(evpose.InvalidArgumentError, evpose.read_sensor_profile, self.write("sensor.yaml", content))
+                message = message_of(evpose.InvalidArgumentError, evpose.read_sensor_profile, self.write("sensor.yaml", content))
                 self.assertIn(words, message)
                 self.assertIn("sensor.yaml", message)
-        self.assertIn("no such file", self.refused(evpose.NotFoundError, evpose.read_sensor_profile, self.directory / "none.yaml"))
+        self.assertIn("no such file", message_of(evpose.NotFoundError, evpose.read_sensor_profile, self.directory / "none.yaml"))
 
 
 class RecordingTest(InputTest):
@@ -199,7 +192,7 @@ class RecordingTest(InputTest):
                 (b"% Data file containing events\n\x05\x08", "type 5"), (b"% Data file containing events\n", "ends before the two bytes"),
                 (b"% evt 2.1\n% endianness legacy\n", "'legacy'"), (b"% evt 3.0\n" + b"% pad\n" * 11000, "longer than 65536")):
             with self.subTest(words):
-                self.assertIn(words, self.refused(evpose.InvalidArgumentError, parse_header, text))
+                self.assertIn(words, message_of(evpose.InvalidArgumentError, parse_header, text))
 
     def test_chunks_are_whole_words_and_together_the_file(self):
         data = bytes(range(256)) * 40
@@ -236,7 +229,7 @@ class RecordingTest(InputTest):
                     chunks = iter(recording)
                     self.assertEqual(len(next(chunks)), 1000)
                     change(path)
-                    message = self.refused(evpose.DataLossError, list, chunks)
+                    message = message_of(evpose.DataLossError, list, chunks)
                 self.assertIn(words, message)
                 self.assertIn("recording.raw: changed while it was read", message)
 
@@ -255,18 +248,18 @@ class RecordingTest(InputTest):
         thread.start()
         with evpose.Recording(path) as recording:
             self.assertEqual(b"".join(recording), data)
-            self.assertIn("only once", self.refused(evpose.InvalidArgumentError, list, recording))
+            self.assertIn("only once", message_of(evpose.InvalidArgumentError, list, recording))
         thread.join()
 
     def test_files_that_are_no_recordings(self):
-        self.assertIn("no such file", self.refused(evpose.NotFoundError, evpose.Recording, self.directory / "none.raw"))
-        self.assertIn("cannot be read", self.refused(evpose.InvalidArgumentError, evpose.Recording, self.directory))
+        self.assertIn("no such file", message_of(evpose.NotFoundError, evpose.Recording, self.directory / "none.raw"))
+        self.assertIn("cannot be read", message_of(evpose.InvalidArgumentError, evpose.Recording, self.directory))
         for content, words in ((b"\x7fELF", "there is no header"), (b"t,x,y,p\n", "`evpose convert FILE recording.raw` makes one"), (b"% evt 3.0\n% end\n", "a header but no events"), (b"", "no header")):
             path = self.write("file.raw", content)
-            message = self.refused(evpose.InvalidArgumentError, evpose.Recording, path)
+            message = message_of(evpose.InvalidArgumentError, evpose.Recording, path)
             self.assertIn(words, message)
             self.assertIn("file.raw", message)
-        self.assertIn("multiple of 8", self.refused(evpose.InvalidArgumentError, evpose.Recording, path, 12))
+        self.assertIn("multiple of 8", message_of(evpose.InvalidArgumentError, evpose.Recording, path, 12))
 
 
 class EventsTest(InputTest):
@@ -291,7 +284,7 @@ class EventsTest(InputTest):
         encoder.encode(first)
         self.assertEqual(np.frombuffer(encoder.encode(second), "<u8").tolist(), [1 << 32])
         late = evpose.make_events([0], [0], [0], [0x100000001 + (1 << 31)])
-        self.assertIn("event 0 is 2147483648 us after", self.refused(evpose.InvalidArgumentError, encoder.encode, late))
+        self.assertIn("event 0 is 2147483648 us after", message_of(evpose.InvalidArgumentError, encoder.encode, late))
 
     def test_wrong_arrays_name_the_field_and_the_index(self):
         def encode(events):
@@ -303,13 +296,13 @@ class EventsTest(InputTest):
                               ({"t_us": [1 << 32, 0]}, "the first time is 4294967296"), ({"t_us": [-1, 0]}, "the first time is -1"),
                               ({"t_us": [5, -1]}, "time of event 1 is negative"), ({"t_us": [0, 1 << 31]}, "event 1 is 2147483648 us after")):
             events = evpose.make_events(**{**good, **change})
-            self.assertIn(words, self.refused(evpose.InvalidArgumentError, encode, events))
+            self.assertIn(words, message_of(evpose.InvalidArgumentError, encode, events))
         for change, words in (({"x": [-1, 0]}, "x of event 0 is -1"), ({"y": [0, 16384]}, "y of event 1 is 16384"),
                               ({"x": [0]}, "same length"), ({"t_us": [0.5, 1.0]}, "t_us has type float64")):
-            self.assertIn(words, self.refused(evpose.InvalidArgumentError, lambda: evpose.make_events(**{**good, **change})))
-        self.assertIn("no field t or", self.refused(evpose.InvalidArgumentError, encode, np.zeros(1, [("x", "u2"), ("y", "u2"), ("p", "u1")])))
-        self.assertIn("no fields", self.refused(evpose.InvalidArgumentError, encode, np.zeros(4)))
-        self.assertIn("shape (2, 2)", self.refused(evpose.InvalidArgumentError, encode, np.zeros((2, 2), evpose.EVENT_DTYPE)))
+            self.assertIn(words, message_of(evpose.InvalidArgumentError, lambda: evpose.make_events(**{**good, **change})))
+        self.assertIn("no field t or", message_of(evpose.InvalidArgumentError, encode, np.zeros(1, [("x", "u2"), ("y", "u2"), ("p", "u1")])))
+        self.assertIn("no fields", message_of(evpose.InvalidArgumentError, encode, np.zeros(4)))
+        self.assertIn("shape (2, 2)", message_of(evpose.InvalidArgumentError, encode, np.zeros((2, 2), evpose.EVENT_DTYPE)))
 
 
 class DurationTest(InputTest):
@@ -317,11 +310,11 @@ class DurationTest(InputTest):
         self.assertEqual(to_duration_ns(0.25, "period_s", 0.01), 250_000_000)
         for value, words in ((float("nan"), "period_s is nan, but must be a finite number of at least 0.01 s"), (0.0, "period_s is 0.0"),
                              (float("inf"), "period_s is inf"), (1e300, "at most 315576000000"), ("x", "period_s: 'x' is not a number")):
-            self.assertIn(words, self.refused(evpose.InvalidArgumentError, to_duration_ns, value, "period_s", 0.01))
+            self.assertIn(words, message_of(evpose.InvalidArgumentError, to_duration_ns, value, "period_s", 0.01))
         camera = evpose.Camera(640, 480, 600.0, 600.0, 320.0, 240.0)
         for value in (float("nan"), float("inf"), -1.0):
             config = SessionConfig(evpose.Encoding.EVT3, camera, (), max_lag_s=value)
-            self.assertIn("max_lag_s is", self.refused(evpose.InvalidArgumentError, config.to_proto))
+            self.assertIn("max_lag_s is", message_of(evpose.InvalidArgumentError, config.to_proto))
 
 
 class AddressTest(InputTest):
@@ -331,7 +324,7 @@ class AddressTest(InputTest):
         for text, words in (("capture-7", "HOST:PORT is needed"), ("capture-7:0", "HOST:PORT is needed"),
                             ("http://capture-7:50051/", "give capture-7:50051"), ("HTTPS://capture-7:50051", "give capture-7:50051"),
                             ("http://localhost", "give localhost:PORT"), ("http://[::1]/v1", "give [::1]:PORT"), ("http://", "give HOST:PORT")):
-            self.assertIn(words, self.refused(evpose.InvalidArgumentError, parse_address, text))
+            self.assertIn(words, message_of(evpose.InvalidArgumentError, parse_address, text))
 
 
 class RetryTest(InputTest):
@@ -363,29 +356,29 @@ class RetryTest(InputTest):
 
     def test_options(self):
         for changes in ({"max_outage_s": -1.0}, {"first_delay_s": 0.0}, {"first_delay_s": 2.0, "max_delay_s": 1.0}):
-            self.assertIn(next(reversed(changes)), self.refused(evpose.InvalidArgumentError, lambda: evpose.RetryOptions(**changes)))
+            self.assertIn(next(reversed(changes)), message_of(evpose.InvalidArgumentError, lambda: evpose.RetryOptions(**changes)))
         for changes in ({"memory_bytes": 0}, {"attach_timeout_s": 0.0}):
-            self.assertIn(next(iter(changes)), self.refused(evpose.InvalidArgumentError, lambda: evpose.TrackOptions(**changes)))
+            self.assertIn(next(iter(changes)), message_of(evpose.InvalidArgumentError, lambda: evpose.TrackOptions(**changes)))
 
     def test_positions_are_text(self):
         position = evpose.TrackPosition("sessions/1", "new", "old", 7, 2, FeedPoint(3, 24, 5), 16)
         self.assertEqual(evpose.TrackPosition.from_json(position.to_json()), position)
-        self.assertIn("not the position", self.refused(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, '{"session": 1}'))
+        self.assertIn("not the position", message_of(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, '{"session": 1}'))
         good = json.loads(position.to_json())
         for change in ({"session": 1}, {"resume_token": None}, {"last_pose_seq": "7"}, {"lost_poses": True}, {"max_piece_bytes": -1},
                        {"durable": [3, float("inf"), 5]}, {"durable": [3, 24, "5"]}, {"durable": 3}, {"last_pose_seq": 1.5}, {"more": 1}):
             text = json.dumps({**good, **change})
             self.assertIn("give the text of TrackPosition.to_json()",
-                          self.refused(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, text), change)
+                          message_of(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, text), change)
         for text in ("", "[]", "[" * 100_000, "{}"):
-            self.assertIn("not the position", self.refused(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, text))
+            self.assertIn("not the position", message_of(evpose.InvalidArgumentError, evpose.TrackPosition.from_json, text))
 
     def test_resets_that_wait_for_the_source_are_limited(self):
         feed = EventFeed([], evpose.Encoding.FLAT64, (640, 480), 1 << 20, False, FeedPoint())  # is not read
         reset = evpose.PoseReset(evpose.Transform.from_quaternion([0, 0, 1], [0, 0, 0, 1]))
         for _ in range(1000):
             feed.reset_pose(reset)
-        self.assertIn("call reset_pose() less often", self.refused(evpose.FailedPreconditionError, feed.reset_pose, reset))
+        self.assertIn("call reset_pose() less often", message_of(evpose.FailedPreconditionError, feed.reset_pose, reset))
 
     def test_an_outbox_keeps_chunks_until_they_are_durable(self):
         outbox = Outbox(1 << 20, FeedPoint(), RetainOptions(duration_s=0.0))
@@ -399,11 +392,11 @@ class RetryTest(InputTest):
         self.assertEqual((outbox.durable.seq, outbox.kept_bytes), (2, 8))
         with outbox.changed:
             self.assertEqual(outbox.get(3).payload, b"\x02" * 8)
-            self.assertIn("chunk 2 again", self.refused(evpose.DataLossError, outbox.get, 2))
+            self.assertIn("chunk 2 again", message_of(evpose.DataLossError, outbox.get, 2))
         outbox.finish(None)
         with outbox.changed:
             self.assertIsNone(outbox.get(4))
-            self.assertIn("has 4 chunks", self.refused(evpose.FailedPreconditionError, outbox.get, 5))
+            self.assertIn("has 4 chunks", message_of(evpose.FailedPreconditionError, outbox.get, 5))
 
     def test_a_full_outbox_waits_for_durable_chunks(self):
         outbox = Outbox(1, FeedPoint())  # a chunk that exceeds the limit is accepted when it is the only one
@@ -443,7 +436,7 @@ class RetryTest(InputTest):
             outbox.get(4)
         self.assertEqual(caught.exception.reason, "ROLLED_BACK")
         for changes in ({"duration_s": -1.0}, {"max_bytes": -1}):
-            self.assertIn(next(iter(changes)), self.refused(evpose.InvalidArgumentError, lambda: evpose.RetainOptions(**changes)))
+            self.assertIn(next(iter(changes)), message_of(evpose.InvalidArgumentError, lambda: evpose.RetainOptions(**changes)))
 
     def test_the_numbers_are_those_of_the_api(self):
         for enum, values, prefix in ((evpose.TrackState, session_pb2.TrackState, "TRACK_STATE_"),

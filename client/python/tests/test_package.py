@@ -18,9 +18,7 @@ PACKAGE = ROOT / "client/python"
 
 class PackageTest(unittest.TestCase):
     def setUp(self):
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
-        self.directory = pathlib.Path(directory.name)
+        self.directory = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def run_python(self, *arguments, **environment):
         done = subprocess.run([sys.executable, *map(str, arguments)], cwd=self.directory, capture_output=True, text=True, check=False,

@@ -39,9 +39,7 @@ def make_poses(*messages):
 
 class PosesTest(unittest.TestCase):
     def setUp(self):
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
-        self.directory = pathlib.Path(directory.name)
+        self.directory = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def test_an_array_has_the_alternatives_of_each_pose(self):
         messages = [make_message(1, TRACKING), make_message(2, AMBIGUOUS, 2), make_message(3, AMBIGUOUS, 4)]

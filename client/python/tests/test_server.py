@@ -6,7 +6,6 @@ connections are cut; access, wrong inputs, watching, the examples."""
 import json
 import os
 import pathlib
-import shutil
 import signal
 import subprocess
 import sys
@@ -28,14 +27,12 @@ class ServerTest(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        cls.scene = pathlib.Path(tempfile.mkdtemp(prefix="evpose_python_"))
-        cls.addClassCleanup(shutil.rmtree, cls.scene)
+        cls.scene = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
         run_evpose("simulate", "--object", "cube", "--camera", "vga", "--duration", "0.4", "--out", cls.scene)
         cls.recording, cls.model, cls.camera = (cls.scene / name for name in ("recording.raw", "model.obj", "camera.yaml"))
 
     def setUp(self):
-        self.directory = pathlib.Path(tempfile.mkdtemp(prefix="evpose_python_"))
-        self.addCleanup(shutil.rmtree, self.directory)
+        self.directory = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def serve(self, *options, store="memory"):
         running = server.Server("--log-level", "error", "--shutdown-timeout", "1", *options, directory=self.directory, store=store)

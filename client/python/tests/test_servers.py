@@ -95,9 +95,7 @@ class ServersTest(unittest.TestCase):
         self.first, self.second = OneOfTwo(1), OneOfTwo(2)
         self.addCleanup(self.first.stop)
         self.addCleanup(self.second.stop)
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
-        self.model = pathlib.Path(directory.name) / "model.obj"
+        self.model = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()), "model.obj")
         self.model.write_text("v 0 0 0\n")
 
     def client(self, *servers):

@@ -27,6 +27,15 @@ def run_evpose(*arguments, cwd=None):
     return done.stdout
 
 
+def message_of(error, function, *arguments):
+    """Calls function(*arguments), which must raise an error of this class. Returns its message."""
+    try:
+        function(*arguments)
+    except error as raised:
+        return str(raised)
+    raise AssertionError(f"{error.__name__} was not raised")
+
+
 class Relay:
     """Forwards TCP connections to `target`, HOST:PORT, or refuses them while there is none. cut() ends those that are open."""
 

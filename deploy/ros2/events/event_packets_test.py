@@ -131,9 +131,7 @@ class PacketQueueTest(unittest.TestCase):
 
 class SceneTest(unittest.TestCase):
     def setUp(self):
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
-        self.directory = pathlib.Path(directory.name)
+        self.directory = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
         run_evpose("simulate", "--object", "cube", "--camera", "vga", "--duration", "0.2", "--out", self.directory)
         self.server = server.Server("--log-level", "error", directory=self.directory)
         self.addCleanup(lambda: self.server.is_ended or self.server.kill())

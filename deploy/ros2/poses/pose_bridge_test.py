@@ -177,9 +177,7 @@ class ClockOffsetTest(unittest.TestCase):
 
 class SceneTest(unittest.TestCase):
     def setUp(self):
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
-        self.directory = pathlib.Path(directory.name)
+        self.directory = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
         run_evpose("simulate", "--object", "cube", "--camera", "vga", "--duration", "0.3", "--out", self.directory)
 
     def create(self, client):

@@ -21,10 +21,9 @@ NAME = "shapes_rotation"
 
 class RealRecordingTest(unittest.TestCase):
     def recording(self):
-        directory = tempfile.TemporaryDirectory()
-        self.addCleanup(directory.cleanup)
+        directory = self.enterContext(tempfile.TemporaryDirectory())
         evpose = os.path.join(ARGUMENTS.bin, "client/cli/evpose")
-        return calibration.Recording(evpose, NAME, os.path.join(ARGUMENTS.data, NAME), directory.name)
+        return calibration.Recording(evpose, NAME, os.path.join(ARGUMENTS.data, NAME), directory)
 
     def test_a_server_finds_the_object_without_a_prior_and_keeps_it(self):
         [row] = replays.measure(ARGUMENTS.bin, ARGUMENTS.data, [NAME])
