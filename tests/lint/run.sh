@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Static checks of the tree, a few seconds: format and order of includes, citations, READMEs, sizes of files and functions,
+# Static checks of the tree, 10 s of processor time: format and order of includes, citations, READMEs, sizes of files and functions,
 # layers, style of the API, spelling, shell scripts. Debian has no linter for Dockerfiles.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
