@@ -24,7 +24,6 @@ constexpr size_t kPosesPerFrame = 256;  // as kPosesPerMessage of page_outbox.cc
 absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::string>& object_ids,
                              const PoseFrame& frame, std::map<std::string, RecordedPoses>& poses) {
   std::optional<std::string> only_id;  // that the file uses
-  PoseFileFacts facts;
   const auto add = [&](const Pose& pose, const Eigen::Quaterniond& rotation) -> absl::Status {
     if (!only_id) only_id = pose.object_id;
     const bool is_only = object_ids.size() == 1 && pose.object_id == *only_id;
@@ -35,16 +34,19 @@ absl::Status ReadFileOfPoses(const std::string& path, const std::vector<std::str
                                                    ": give --object ID=MODEL for each object of the file"));
   };
   // The transform of the file, which is the same for all its poses, is known after the last pose.
-  EVPOSE_ASSIGN_OR_RETURN(facts, VisitPoses(path, [&](const FilePose& pose) { return add(pose, pose.quaternion); }));
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFileFacts facts,
+                          VisitPoses(path, [&](const FilePose& pose) { return add(pose, pose.quaternion); }));
   EVPOSE_ASSIGN_OR_RETURN(const PoseFrame to_camera, FrameToCamera(facts.transform, frame, path));
-  if (to_camera.is_default()) return absl::OkStatus();
-  for (auto& [id, each] : poses) each = RecordedPoses();
-  return VisitPoses(path,
-                    [&](const Pose& pose) {
-                      const Pose of_camera = to_camera.Apply(pose);
-                      return add(of_camera, of_camera.camera_from_object.Quaternion());
-                    })
-      .status();
+  if (!to_camera.is_default()) {
+    for (auto& [id, each] : poses) each = RecordedPoses();
+    const auto add_converted = [&](const Pose& pose) {
+      const Pose of_camera = to_camera.Apply(pose);
+      return add(of_camera, of_camera.camera_from_object.Quaternion());
+    };
+    EVPOSE_RETURN_IF_ERROR(VisitPoses(path, add_converted).status());
+  }
+  for (auto& [id, each] : poses) each.Finish(facts.has_losses);
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -63,12 +65,19 @@ absl::Status RecordedPoses::Add(const Pose& pose, const Eigen::Quaterniond& rota
     stride_ *= 2;
   }
   // Each pose has the latest loss before it.
-  if (pose.latest_loss && (losses_.empty() || losses_.back().loss != *pose.latest_loss)) {
-    losses_.push_back({trajectory_.size(), *pose.latest_loss});
+  if (pose.latest_loss && (losses_.empty() || losses_.back() != *pose.latest_loss)) {
+    losses_.push_back(*pose.latest_loss);
+    after_losses_.push_back(trajectory_.size());
   }
   trajectory_.push_back({pose.t_us, ToCore(pose.camera_from_object)});
   states_.push_back(pose.state);
   return absl::OkStatus();
+}
+
+void RecordedPoses::Finish(bool has_losses) {
+  has_losses_ = has_losses;
+  longest_step_us_ = LongestStepUs(trajectory_);
+  longest_interpolated_us_ = LongestInterpolatedStepUs(trajectory_);
 }
 
 TrackState RecordedPoses::StateAt(int64_t t_us) const {
@@ -86,7 +95,7 @@ void RecordedPoses::AppendLoss(size_t index, const Loss* loss,
   const int64_t earliest_us = before_us + 1;
   const std::string gap = absl::StrFormat("no pose for %.3f s", static_cast<double>(gap_us) * 1e-6);
   if (loss == nullptr) {
-    if (gap_us > kMaxGapUs) append(earliest_us, gap);
+    if (!has_losses_ && gap_us > longest_step_us_) append(earliest_us, gap);
     return;
   }
   const std::string cause = CauseText(loss->cause);
@@ -103,11 +112,11 @@ void RecordedPoses::AppendFrames(const std::string& object_id, bool is_truth, co
   const auto add_state = [&](int64_t t_us, TrackState state, const std::string& reason) {
     if (num_states++ < kMaxStates) frames.push_back({StateText(object_id, t_us, state, reason)});
   };
-  auto next_loss = losses_.begin();
+  size_t next_loss = 0;
   for (size_t i = 0; i < trajectory_.size() && !is_truth; ++i) {
-    const bool has_loss = next_loss != losses_.end() && next_loss->index == i;
+    const bool has_loss = next_loss < losses_.size() && after_losses_[next_loss] == i;
     bool is_new = i == 0 || states_[i] != states_[i - 1];
-    AppendLoss(i, has_loss ? &next_loss->loss : nullptr, [&](int64_t t_us, const std::string& reason) {
+    AppendLoss(i, has_loss ? &losses_[next_loss] : nullptr, [&](int64_t t_us, const std::string& reason) {
       add_state(t_us, TrackState::kLost, reason);
       is_new = true;
     });

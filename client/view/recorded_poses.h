@@ -13,16 +13,13 @@
 #include "absl/status/statusor.h"
 #include "client/cli/common/pose_format.h"
 #include "client/view/page_outbox.h"
-#include "core/geometry/trajectory.h"
+#include "core/geometry/trajectory_gaps.h"
 
 namespace evpose::client {
 
 // The poses of one object, in the order of their times.
 class RecordedPoses {
  public:
-  // Longest time between two poses, microseconds, for which poses are interpolated. In a longer gap the object was
-  // lost.
-  static constexpr int64_t kMaxGapUs = 50'000;
   // Largest number of poses that are sent to a page. Of a longer recording every second, fourth, ... pose is sent. A
   // plot of a screen's width shows no more, and all of them take some megabytes in the browser.
   static constexpr size_t kMaxSent = 20'000;
@@ -34,32 +31,40 @@ class RecordedPoses {
   // The same, with the rotation that is sent to pages: the quaternion of the file with all its digits.
   absl::Status Add(const Pose& pose, const Eigen::Quaterniond& rotation);
 
+  // To be called after the last Add(). `has_losses` is that of the file (PoseFileFacts): the object was then lost where
+  // the file states it, and otherwise in each gap that is longer than longest_step_us().
+  void Finish(bool has_losses);
+
   const Trajectory& trajectory() const { return trajectory_; }
-  // Returns the pose at an instant (PoseNear()).
-  std::optional<RigidTransform> At(int64_t t_us) const { return PoseNear(trajectory_, t_us, kMaxGapUs); }
+  // Returns LongestStepUs() of the poses.
+  int64_t longest_step_us() const { return longest_step_us_; }
+  // Returns the pose at an instant (PoseNear()): none is interpolated over more than LongestInterpolatedStepUs() or
+  // over a loss.
+  std::optional<RigidTransform> At(int64_t t_us) const {
+    return PoseNear(trajectory_, t_us, longest_interpolated_us_, after_losses_);
+  }
   // Returns the state of the last pose at or before this time; before the first pose, the state of the first one.
   // Precondition: there is a pose.
   TrackState StateAt(int64_t t_us) const;
 
   // Appends the messages of the poses, in the frame that the page shows, and, unless they are the truth, of the state
-  // changes. After a loss that the file states, and in gaps, the state is LOST.
+  // changes. The state is LOST as Finish() describes it.
   void AppendFrames(const std::string& object_id, bool is_truth, const PoseFrame& frame,
                     PageOutbox::Prepared& frames) const;
 
  private:
-  // The loss before the pose with this index.
-  struct LossBefore {
-    size_t index = 0;
-    Loss loss;
-  };
   // Appends the state LOST before the pose with this index, if the object was lost there. `loss` is null if the file
-  // states none.
+  // states none there.
   void AppendLoss(size_t index, const Loss* loss,
                   absl::FunctionRef<void(int64_t t_us, const std::string& reason)> append) const;
 
   Trajectory trajectory_;
   std::vector<TrackState> states_;
-  std::vector<LossBefore> losses_;
+  std::vector<Loss> losses_;          // that the file states, each before a pose
+  std::vector<size_t> after_losses_;  // the indexes of these poses
+  bool has_losses_ = false;
+  int64_t longest_step_us_ = LongestStepUs({});
+  int64_t longest_interpolated_us_ = LongestInterpolatedStepUs({});
   std::vector<Pose> sent_;  // every `stride_`-th one
   std::vector<Eigen::Quaterniond> sent_rotations_;
   uint64_t stride_ = 1;

@@ -219,7 +219,7 @@ void RecordingView::SendEnds(int64_t to_us) {
     const Trajectory& trajectory = track.poses.trajectory();
     if (track.is_truth || trajectory.empty()) continue;
     const int64_t last_us = trajectory.back().t_us;
-    if (to_us - last_us <= RecordedPoses::kMaxGapUs) continue;
+    if (to_us - last_us <= track.poses.longest_step_us()) continue;
     outbox_->AddNote(StateText(track.id, last_us + 1, TrackState::kLost, "no pose until the end of the recording"));
   }
 }

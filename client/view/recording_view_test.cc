@@ -132,12 +132,11 @@ TEST_F(RecordingViewTest, BeginsWithTheSceneAndTheFirstPose) {
   const std::vector<size_t> counts = counted["counts"];
   EXPECT_EQ(counts.size(), static_cast<size_t>((events_.back().t_us - events_.front().t_us) / 1024 + 1));
   EXPECT_EQ(std::accumulate(counts.begin(), counts.end(), size_t{0}), events_.size());
-  // The states: tracking, lost in the gap, degraded after it, tracking again.
+  // The states: tracking, degraded after the gap, for which the file states no loss, tracking again.
   std::vector<std::string> states;
   for (const ReceivedMessage& state : messages["state"]) states.push_back(state.header["state"]);
-  EXPECT_THAT(states, ::testing::ElementsAre("tracking", "lost", "degraded", "tracking"));
-  EXPECT_EQ(messages["state"].at(1).header["t_us"], kBeginUs + 70'001);
-  EXPECT_EQ(messages["state"].at(1).header["reason"], "no pose for 0.060 s");
+  EXPECT_THAT(states, ::testing::ElementsAre("tracking", "degraded", "tracking"));
+  EXPECT_EQ(messages["state"].at(1).header["t_us"], kBeginUs + 130'000);
 }
 
 TEST_F(RecordingViewTest, PosesAreSentInTheChosenFrameAndOutlinesStayInTheImage) {
@@ -173,47 +172,6 @@ TEST_F(RecordingViewTest, PosesAreSentInTheChosenFrameAndOutlinesStayInTheImage)
     ASSERT_EQ(ends.size(), expected.size());
     for (size_t i = 0; i < ends.size(); ++i) EXPECT_NEAR(ends[i], expected[i], 1e-3);
   }
-}
-
-// The state messages of the poses in a .csv file, as "time state reason".
-std::vector<std::string> StatesOf(const std::vector<Pose>& poses) {
-  RecordedPoses recorded;
-  for (const Pose& pose : poses) EXPECT_TRUE(recorded.Add(pose).ok());
-  PageOutbox::Prepared frames;
-  recorded.AppendFrames("object", /*is_truth=*/false, PoseFrame(), frames);
-  std::vector<std::string> states;
-  for (const PageOutbox::Frame& frame : frames) {
-    const nlohmann::json message = nlohmann::json::parse(frame.bytes);
-    if (message["type"] != "state") continue;
-    states.push_back(absl::StrCat(message["t_us"].get<int64_t>(), " ", message["state"].get<std::string>(), " ",
-                                  message["reason"].get<std::string>()));
-  }
-  return states;
-}
-
-TEST(RecordedPosesTest, LossesHaveTheCausesOfTheFile) {
-  std::vector<Pose> poses;
-  const auto add = [&](int64_t t_us, std::optional<Loss> latest_loss) {
-    Pose& pose = poses.emplace_back();
-    pose.t_us = t_us;
-    pose.state = TrackState::kTracking;
-    pose.latest_loss = latest_loss;
-  };
-  const Loss given{5'000, LossCause::kContradicted}, first{21'000, LossCause::kOutOfView};
-  const Loss second{300'000, LossCause::kBetterPose}, outside{420'000, LossCause::kUncertain};
-  add(10'000, given);  // a pose that was given was rejected before the first one
-  add(20'000, given);
-  add(30'000, first);  // found again at once
-  add(40'000, first);
-  add(400'000, second);
-  add(500'000, second);   // a gap without a loss
-  add(510'000, outside);  // not between its poses
-  EXPECT_THAT(StatesOf(poses),
-              ::testing::ElementsAre("5000 lost contradicted", "10000 tracking ",                         //
-                                     "21000 lost out of view; no pose for 0.010 s", "30000 tracking ",    //
-                                     "300000 lost better pose; no pose for 0.360 s", "400000 tracking ",  //
-                                     "400001 lost no pose for 0.100 s", "500000 tracking ",               //
-                                     "500001 lost uncertain; no pose for 0.010 s", "510000 tracking "));
 }
 
 TEST_F(RecordingViewTest, AnObjectWithoutAPoseAtTheEndIsLost) {
@@ -417,78 +375,6 @@ TEST_F(RecordingViewTest, ASeekWaitsUntilTheRecordingHasBeenReadSoFar) {
     return event.t_us >= kBeginUs + 175'000 && event.t_us < kBeginUs + 185'000;
   };
   EXPECT_EQ(image.header["events"], std::count_if(events_.begin(), events_.end(), is_inside));
-}
-
-TEST(RecordedPosesTest, AnotherObjectIsAnErrorWithAdvice) {
-  const TemporaryDirectory directory;
-  Pose pose;
-  pose.t_us = 5;
-  std::string text = PoseHeader(PoseFormat::kCsv);
-  for (const char* const id : {"left", "right"}) {
-    pose.object_id = id;
-    text += PoseLine(PoseFormat::kCsv, pose);
-  }
-  const std::string path = directory.File("poses.csv");
-  ASSERT_TRUE(WriteFile(path, text).ok());
-  const auto both = ReadRecordedPoses(path, {"left", "right"});
-  ASSERT_TRUE(both.ok()) << both.status();
-  EXPECT_EQ(both->at("left").trajectory().size(), 1u);
-  EXPECT_EQ(both->at("right").trajectory().size(), 1u);
-  const absl::Status status = ReadRecordedPoses(path, {"object"}).status();
-  EXPECT_THAT(status.message(), HasSubstr(path + ":3: holds a pose of the object \"right\""));
-  EXPECT_THAT(status.message(), HasSubstr("give --object ID=MODEL"));
-  EXPECT_EQ(ReadRecordedPoses(directory.File("{object}.tum"), {"left"}).status().code(), absl::StatusCode::kNotFound);
-}
-
-TEST(RecordedPosesTest, PosesAreSentWithTheDigitsOfTheirFile) {
-  const TemporaryDirectory directory;
-  const std::string path = directory.File("poses.jsonl");
-  std::string text;
-  std::vector<nlohmann::json> written;
-  for (int i = 0; i < 100; ++i) {
-    Pose pose;
-    pose.object_id = "object";
-    pose.t_us = i;
-    pose.camera_from_object = FromCore(testing::MakePose({0.01 * i, 0.0, 0.5}, {0.5 + i, 0.4, 0.1}));
-    const std::string line = PoseLine(PoseFormat::kJsonLines, pose);
-    text += line;
-    written.push_back(nlohmann::json::parse(line));
-  }
-  ASSERT_TRUE(WriteFile(path, text).ok());
-  const auto poses = ReadRecordedPoses(path, {"object"});
-  ASSERT_TRUE(poses.ok()) << poses.status();
-  PageOutbox::Prepared frames;
-  poses->at("object").AppendFrames("object", /*is_truth=*/true, PoseFrame(), frames);
-  ASSERT_EQ(frames.size(), 1u);
-  const nlohmann::json sent = ParseFrame(frames[0].bytes, false).header["poses"];
-  ASSERT_EQ(sent.size(), written.size());
-  for (size_t i = 0; i < sent.size(); ++i) {
-    const nlohmann::json& xyzw = written[i]["quaternion_xyzw"];
-    EXPECT_EQ(sent[i]["q"], nlohmann::json({xyzw[3], xyzw[0], xyzw[1], xyzw[2]}));
-    EXPECT_EQ(sent[i]["p"], written[i]["translation_m"]);
-  }
-}
-
-TEST(RecordedPosesTest, ManyPosesAreThinnedForThePage) {
-  RecordedPoses poses;
-  constexpr int kPoses = 100'000;
-  for (int i = 0; i < kPoses; ++i) {
-    Pose pose;
-    pose.t_us = i;
-    ASSERT_TRUE(poses.Add(pose).ok());
-  }
-  EXPECT_FALSE(poses.Add(Pose()).ok()) << "its time does not increase";
-  EXPECT_EQ(poses.trajectory().size(), static_cast<size_t>(kPoses));
-  PageOutbox::Prepared frames;
-  poses.AppendFrames("object", /*is_truth=*/true, PoseFrame(), frames);
-  std::vector<int64_t> sent;
-  for (const PageOutbox::Frame& frame : frames) {
-    const ReceivedMessage message = ParseFrame(frame.bytes, false);
-    for (const nlohmann::json& pose : message.header["poses"]) sent.push_back(pose["t_us"]);
-  }
-  EXPECT_LE(sent.size(), RecordedPoses::kMaxSent);
-  EXPECT_GE(sent.size(), RecordedPoses::kMaxSent / 2);
-  for (size_t i = 0; i < sent.size(); ++i) ASSERT_EQ(sent[i], static_cast<int64_t>(8 * i));
 }
 
 }  // namespace

@@ -113,9 +113,30 @@ TEST_F(RenderCommandTest, AFileWithoutPosesAndAGapAreReported) {
   const CliResult lost = Render("gap.tum", "a.png", {"--at", "16.04"});
   EXPECT_EQ(lost.status, 0) << lost.err;
   EXPECT_THAT(lost.err,
-              HasSubstr("gap.tum: has no pose at 16.040000 s: the poses before and after it are more than 50 ms "
-                        "apart: only the events are drawn\n"));
+              HasSubstr("gap.tum: has no pose at 16.040000 s: the poses before and after it are more than 500 "
+                        "ms apart: only the events are drawn\n"));
   EXPECT_EQ(Render("cube/truth.tum", "a.png").err, "");
+}
+
+// evpose watch --max-rate-hz 10 writes such files.
+TEST_F(RenderCommandTest, PosesOfALowRateAreInterpolatedExceptOverALoss) {
+  const auto write = [this](const std::string& name, const std::string& loss) {
+    std::string text = "t_us,tx_m,ty_m,tz_m,qx,qy,qz,qw,lost_at_us,loss_cause\n";
+    for (int t_us = 15'800'000; t_us <= 16'200'000; t_us += 100'000) {
+      absl::StrAppend(&text, t_us, ",0,0,1,0,0,0,1,", t_us > 16'000'000 ? loss : ",", "\n");
+    }
+    WriteText(name, text);
+  };
+  write("slow.csv", ",");
+  const CliResult slow = Render("slow.csv", "slow.png", {"--at", "16.02"});
+  EXPECT_EQ(slow.status, 0) << slow.err;
+  EXPECT_EQ(slow.err, "");
+  write("lost.csv", "16010000,CONTRADICTED");
+  const CliResult lost = Render("lost.csv", "lost.png", {"--at", "16.02"});
+  EXPECT_EQ(lost.status, 0) << lost.err;
+  EXPECT_THAT(lost.err, HasSubstr("lost.csv: has no pose at 16.020000 s: the object was lost between the poses before "
+                                  "and after it: only the events are drawn\n"));
+  EXPECT_NE(ReadText("slow.png"), ReadText("lost.png")) << "one of them has the model";
 }
 
 }  // namespace

@@ -30,7 +30,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/temporary_files.h"
 #include "core/camera_files/camera_file.h"
-#include "core/geometry/trajectory.h"
+#include "core/geometry/trajectory_gaps.h"
 #include "core/recordings/event_reader.h"
 #include "core/recordings/recording_reader.h"
 
@@ -38,10 +38,7 @@ namespace evpose::client {
 namespace {
 
 constexpr size_t kRenderPieceBytes = size_t{64} * 1024;  // interrupts are checked before each piece
-// Longest gap between two poses, microseconds, that is interpolated; the first (last) pose is also drawn for this time
-// before (after) it.
-constexpr int64_t kMaxPoseGapUs = 50'000;
-constexpr int64_t kMaxFrames = 200'000;  // a jump of the clock must not fill the disk
+constexpr int64_t kMaxFrames = 200'000;                  // a jump of the clock must not fill the disk
 
 struct RenderArguments {
   std::string recording;
@@ -59,10 +56,17 @@ struct RenderArguments {
 struct RenderInputs {
   CameraModel camera;
   ObjectModel model;
-  Trajectory poses;
-  std::vector<int64_t> ambiguous_us;  // times of the poses that are not drawn, because they are AMBIGUOUS
+  ReadPoses read;  // AMBIGUOUS poses are not drawn
+  // Longest gap between two poses, microseconds, that is interpolated; the first (last) pose is also drawn for this
+  // time before (after) it.
+  int64_t max_gap_us = 0;
   std::unique_ptr<RecordingReader> reader;
   const CliContext* context = nullptr;
+
+  const Trajectory& poses() const { return read.trajectory; }
+  std::optional<RigidTransform> PoseAt(int64_t t_us) const {
+    return PoseNear(poses(), t_us, max_gap_us, read.after_losses);
+  }
 };
 
 absl::Status CheckNotInterrupted(const RenderInputs& inputs) {
@@ -76,9 +80,8 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(context, arguments.model));
   EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
-  EVPOSE_ASSIGN_OR_RETURN(ReadPoses poses, ReadCameraPoses(arguments.poses, frame));
-  inputs.poses = std::move(poses.trajectory);
-  inputs.ambiguous_us = std::move(poses.ambiguous_us);
+  EVPOSE_ASSIGN_OR_RETURN(inputs.read, ReadCameraPoses(arguments.poses, frame));
+  inputs.max_gap_us = LongestInterpolatedStepUs(inputs.poses());
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   EVPOSE_ASSIGN_OR_RETURN(inputs.reader, OpenSeenBy(inputs.camera, arguments.camera, arguments.recording,
                                                     {.stop = context.is_interrupted}));
@@ -104,9 +107,9 @@ absl::Status ForEachEvent(RenderInputs& inputs, const std::function<absl::Status
 
 // Returns why there is no pose to draw, for a file without any.
 std::string DescribeNoPose(const RenderArguments& arguments, const RenderInputs& inputs) {
-  if (inputs.ambiguous_us.empty()) return absl::StrCat(arguments.poses, " has no pose");
-  return absl::StrCat(arguments.poses, ": all its poses, ",
-                      FormatTimeSpan({inputs.ambiguous_us.front(), inputs.ambiguous_us.back()}),
+  const std::vector<int64_t>& ambiguous_us = inputs.read.ambiguous_us;
+  if (ambiguous_us.empty()) return absl::StrCat(arguments.poses, " has no pose");
+  return absl::StrCat(arguments.poses, ": all its poses, ", FormatTimeSpan({ambiguous_us.front(), ambiguous_us.back()}),
                       ", are AMBIGUOUS, and none is drawn: each is one of several that are compatible with the "
                       "events; evpose view shows them");
 }
@@ -115,21 +118,26 @@ double Seconds(int64_t t_us) { return static_cast<double>(t_us) * 1e-6; }
 
 // Returns why there is no pose to draw at a time, for a file with other poses.
 std::string DescribeNoPoseAt(const RenderInputs& inputs, int64_t at_us) {
-  const auto is_near = [at_us](int64_t t_us) { return std::abs(t_us - at_us) <= kMaxPoseGapUs; };
-  if (std::any_of(inputs.ambiguous_us.begin(), inputs.ambiguous_us.end(), is_near)) {
+  const auto is_near = [&](int64_t t_us) { return std::abs(t_us - at_us) <= inputs.max_gap_us; };
+  const std::vector<int64_t>& ambiguous_us = inputs.read.ambiguous_us;
+  if (std::any_of(ambiguous_us.begin(), ambiguous_us.end(), is_near)) {
     return absl::StrFormat("its poses near %.6f s are AMBIGUOUS, and none is drawn", Seconds(at_us));
   }
-  const int64_t first_us = inputs.poses.front().t_us, last_us = inputs.poses.back().t_us;
+  const int64_t first_us = inputs.poses().front().t_us, last_us = inputs.poses().back().t_us;
   if (at_us < first_us) return absl::StrFormat("its first pose is at %.6f s", Seconds(first_us));
   if (at_us > last_us) return absl::StrFormat("its last pose is at %.6f s", Seconds(last_us));
+  if (PoseNear(inputs.poses(), at_us, inputs.max_gap_us)) {
+    return absl::StrFormat("has no pose at %.6f s: the object was lost between the poses before and after it",
+                           Seconds(at_us));
+  }
   return absl::StrFormat("has no pose at %.6f s: the poses before and after it are more than %d ms apart",
-                         Seconds(at_us), kMaxPoseGapUs / 1000);
+                         Seconds(at_us), inputs.max_gap_us / 1000);
 }
 
 // Returns whether the poses are of other times than the events: the reason, or an empty text.
 std::string DescribeOtherTimes(const RenderArguments& arguments, const RenderInputs& inputs, const TimeSpan& events) {
-  if (inputs.poses.empty()) return "";
-  const TimeSpan poses = {inputs.poses.front().t_us, inputs.poses.back().t_us};
+  if (inputs.poses().empty()) return "";
+  const TimeSpan poses = {inputs.poses().front().t_us, inputs.poses().back().t_us};
   return DescribeNoCommonTime(arguments.poses, poses, arguments.recording, events);
 }
 
@@ -137,16 +145,16 @@ std::string DescribeOtherTimes(const RenderArguments& arguments, const RenderInp
 void WarnWithoutPose(const RenderArguments& arguments, const RenderInputs& inputs, const TimeSpan& events,
                      std::optional<int64_t> at_us) {
   std::string why = DescribeOtherTimes(arguments, inputs, events);
-  if (inputs.poses.empty()) {
+  if (inputs.poses().empty()) {
     why = absl::StrCat(DescribeNoPose(arguments, inputs), ": only the events are drawn");
-  } else if (why.empty() && at_us && !PoseNear(inputs.poses, *at_us, kMaxPoseGapUs)) {
+  } else if (why.empty() && at_us && !inputs.PoseAt(*at_us)) {
     why = absl::StrCat(arguments.poses, ": ", DescribeNoPoseAt(inputs, *at_us), ": only the events are drawn");
   }
   if (!why.empty()) inputs.context->err << "evpose render: " << why << std::endl;
 }
 
-void FinishFrame(FramePainter& painter, const Trajectory& poses, int64_t t_us, double window_ms) {
-  const std::optional<RigidTransform> pose = PoseNear(poses, t_us, kMaxPoseGapUs);
+void FinishFrame(FramePainter& painter, const RenderInputs& inputs, int64_t t_us, double window_ms) {
+  const std::optional<RigidTransform> pose = inputs.PoseAt(t_us);
   painter.DrawModel(pose);
   painter.DrawLegend(t_us, window_ms, pose);
 }
@@ -163,17 +171,18 @@ absl::Status NoEventError(const RenderArguments& arguments, const RenderInputs& 
 }
 
 absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& inputs) {
-  if (!arguments.at_s && inputs.poses.empty()) {
+  if (!arguments.at_s && inputs.poses().empty()) {
     return absl::InvalidArgumentError(
-        absl::StrCat(DescribeNoPose(arguments, inputs), inputs.ambiguous_us.empty()
+        absl::StrCat(DescribeNoPose(arguments, inputs), inputs.read.ambiguous_us.empty()
                                                             ? ": give the time of the picture with --at SECONDS"
                                                             : "; --at SECONDS draws the events of that time alone"));
   }
+  const Trajectory& poses = inputs.poses();
   const int64_t t_us =
-      arguments.at_s ? std::llround(*arguments.at_s * 1e6) : (inputs.poses.front().t_us + inputs.poses.back().t_us) / 2;
+      arguments.at_s ? std::llround(*arguments.at_s * 1e6) : (poses.front().t_us + poses.back().t_us) / 2;
   const int64_t half_window_us = std::llround(arguments.window_ms * 500.0);
   FramePainter painter(inputs.camera, inputs.model);
-  const bool has_pose = PoseNear(inputs.poses, t_us, kMaxPoseGapUs).has_value();
+  const bool has_pose = inputs.PoseAt(t_us).has_value();
   uint64_t drawn = 0;
   std::optional<TimeSpan> events;
   EVPOSE_RETURN_IF_ERROR(ForEachEvent(inputs, [&](const Event& event) -> absl::StatusOr<bool> {
@@ -188,7 +197,7 @@ absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& input
   if (!events) return absl::OutOfRangeError(absl::StrCat(arguments.recording, " has no event"));
   if (drawn == 0) return NoEventError(arguments, inputs, t_us, *events);
   WarnWithoutPose(arguments, inputs, *events, t_us);
-  FinishFrame(painter, inputs.poses, t_us, arguments.window_ms);
+  FinishFrame(painter, inputs, t_us, arguments.window_ms);
   EVPOSE_ASSIGN_OR_RETURN(const std::string png, EncodePng(painter.image()));
   return WriteFile(arguments.out, png);
 }
@@ -272,7 +281,7 @@ absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) 
   int64_t frame = 0;
   const auto middle_us = [&] { return *first_us + frame * period_us + period_us / 2; };
   const auto finish = [&] {
-    FinishFrame(painter, inputs.poses, middle_us(), arguments.window_ms);
+    FinishFrame(painter, inputs, middle_us(), arguments.window_ms);
     film->Write(painter.image());
     painter.Clear();
     ++frame;

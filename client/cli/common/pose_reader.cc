@@ -28,6 +28,8 @@ class PoseCollector {
       poses_.ambiguous_us.push_back(pose.t_us);
       return absl::OkStatus();
     }
+    if (pose.latest_loss && pose.latest_loss != latest_loss_) poses_.after_losses.push_back(poses_.trajectory.size());
+    latest_loss_ = pose.latest_loss;
     poses_.trajectory.push_back({pose.t_us, ToCore(pose.camera_from_object)});
     poses_.covariances.push_back(pose.covariance);
     return absl::OkStatus();
@@ -44,6 +46,7 @@ class PoseCollector {
   size_t num_poses_ = 0;
   std::string object_id_;
   int64_t last_us_ = 0;
+  std::optional<Loss> latest_loss_;  // of the last pose of the trajectory
 };
 
 }  // namespace

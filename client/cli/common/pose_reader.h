@@ -18,6 +18,7 @@ struct ReadPoses {
   std::string transform = kCameraFromObject;
   Trajectory trajectory;              // without the AMBIGUOUS poses
   std::vector<int64_t> ambiguous_us;  // times of the poses whose state is AMBIGUOUS
+  std::vector<size_t> after_losses;   // indexes of the poses of `trajectory` before which the file states a loss
   std::vector<Matrix6d> covariances;  // one for each pose, or none: TUM has no covariances
 };
 

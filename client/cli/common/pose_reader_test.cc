@@ -129,6 +129,28 @@ TEST(PoseReaderTest, AmbiguousPosesAreNoPartOfTheTrajectory) {
   EXPECT_FALSE(ReadCsv(Csv({ambiguous, SomePose(6)})).ok());
 }
 
+TEST(PoseReaderTest, LossesAreBeforeThePosesThatFollowThem) {
+  const auto lost = [](int64_t t_us, std::optional<Loss> loss, TrackState state = TrackState::kTracking) {
+    Pose pose = SomePose(t_us);
+    pose.latest_loss = loss;
+    pose.state = state;
+    return pose;
+  };
+  const Loss first{6, LossCause::kContradicted}, second{8, LossCause::kOutOfView};
+  const std::vector<Pose> poses = {lost(5, std::nullopt), lost(7, first), lost(8, first),
+                                   lost(9, second, TrackState::kAmbiguous), lost(10, second)};
+  for (const auto& [ending, format] : {std::pair{".csv", PoseFormat::kCsv}, {".jsonl", PoseFormat::kJsonLines}}) {
+    const TemporaryDirectory directory;
+    const std::string path = directory.File("some") + ending;
+    std::string text = PoseHeader(format);
+    for (const Pose& pose : poses) text += PoseLine(format, pose);
+    ASSERT_TRUE(WriteFile(path, text).ok());
+    const auto read = ReadPoseFile(path);
+    ASSERT_TRUE(read.ok()) << read.status();
+    EXPECT_THAT(read->after_losses, ::testing::ElementsAre(1, 3)) << ending << ": without the ambiguous pose";
+  }
+}
+
 TEST(PoseReaderTest, ErrorsNameTheLineAndTheCause) {
   const auto message = [](const std::string& text) {
     const absl::Status status = ReadCsv(text).status();

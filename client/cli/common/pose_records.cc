@@ -90,6 +90,7 @@ class PoseTable {
  public:
   static absl::StatusOr<PoseTable> Make(const Fields& header);
   bool has_covariances() const { return covariance_.size() == kUpperNumbers; }
+  bool has_losses() const { return lost_at_ && loss_cause_; }
   absl::StatusOr<FilePose> Read(const Fields& fields) const;
   std::string TransformName(const Fields& fields) const {
     return transform_ && fields.size() == count_ ? std::string(fields[*transform_]) : kCameraFromObject;
@@ -171,7 +172,7 @@ absl::Status PoseTable::ReadAlternatives(const Fields& fields, Pose& pose) const
 }
 
 absl::Status PoseTable::ReadLoss(const Fields& fields, Pose& pose) const {
-  if (!lost_at_ || !loss_cause_ || fields[*lost_at_].empty()) return absl::OkStatus();
+  if (!has_losses() || fields[*lost_at_].empty()) return absl::OkStatus();
   Loss loss = {.cause = CauseOfName(fields[*loss_cause_])};
   if (!absl::SimpleAtoi(fields[*lost_at_], &loss.t_us)) {
     return absl::InvalidArgumentError(
@@ -299,9 +300,11 @@ absl::Status ReadJsonAlternatives(const nlohmann::json& json, Pose& pose) {
   return absl::OkStatus();
 }
 
-absl::Status ReadJsonLoss(const nlohmann::json& json, Pose& pose) {
+absl::Status ReadJsonLoss(const nlohmann::json& json, Pose& pose, PoseFileFacts& facts) {
   const auto time = json.find(kLossTimeColumn);
-  if (time == json.end() || time->is_null()) return absl::OkStatus();
+  if (time == json.end()) return absl::OkStatus();
+  facts.has_losses = true;
+  if (time->is_null()) return absl::OkStatus();
   const JsonFields fields(json);
   Loss loss;
   EVPOSE_RETURN_IF_ERROR(fields.Integer(kLossTimeColumn, loss.t_us));
@@ -338,7 +341,7 @@ absl::StatusOr<FilePose> ReadJsonPose(absl::string_view line, PoseFileFacts& fac
     EVPOSE_RETURN_IF_ERROR(SetCovariance([&](size_t i) { return absl::StatusOr<double>(upper[i]); }, pose));
   }
   EVPOSE_RETURN_IF_ERROR(ReadJsonAlternatives(json, pose));
-  EVPOSE_RETURN_IF_ERROR(ReadJsonLoss(json, pose));
+  EVPOSE_RETURN_IF_ERROR(ReadJsonLoss(json, pose, facts));
   return pose;
 }
 
@@ -378,6 +381,7 @@ absl::StatusOr<PoseFileFacts> VisitCsvPoses(absl::string_view text, const std::s
     if (!table) {
       EVPOSE_ASSIGN_OR_RETURN(table, PoseTable::Make(fields));
       facts.has_covariances = table->has_covariances();
+      facts.has_losses = table->has_losses();
       return absl::OkStatus();
     }
     EVPOSE_ASSIGN_OR_RETURN(FilePose pose, table->Read(fields));
