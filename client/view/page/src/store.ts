@@ -85,8 +85,9 @@ export class ObjectTrack {
   health: ObjectHealth | null = null;
   /** Position of the first pose, m. */
   origin: [number, number, number] | null = null;
-  /** Poses that are further apart have a gap between them. */
+  /** Poses that are further apart have a gap between them. Of a recording, the first message with several poses decides. */
   gapUs = LIVE_GAP_US;
+  private hasGapThreshold = false;
   private readonly rotation = new ContinuousRotation();
   /** Of the ambiguous poses among `poses`, by their times, which increase. */
   private readonly alternatives = new Map<number, readonly Alternative[]>();
@@ -102,7 +103,10 @@ export class ObjectTrack {
   }
 
   addPoses(poses: readonly Pose[]): void {
-    if (this.isRecording) this.gapUs = gapThreshold(poses);
+    if (this.isRecording && !this.hasGapThreshold && poses.length > 1) {
+      this.gapUs = gapThreshold(poses);
+      this.hasGapThreshold = true;
+    }
     for (const pose of poses) {
       const last = this.poses.length > 0 ? this.poses.at(COLUMN.t, this.poses.length - 1) : pose.t_us;
       const current = this.log.changes[this.log.indexAt(pose.t_us)];

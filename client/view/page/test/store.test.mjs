@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { duration, seconds, withPrefix } from "../src/format";
+import { selectRows } from "../src/plot_data";
 import { COLUMN, ObjectTrack, StateLog, Store } from "../src/store";
 
 const pose = (t_us, state = "tracking", p = [0, 0, 1]) => ({ t_us, seq: t_us / 1000, state, p, q: [1, 0, 0, 0] });
@@ -50,6 +51,18 @@ test("a gap between the poses of a recording has no pose", () => {
   assert.equal(track.rowAt(40000), 4);
   assert.equal(track.rowAt(200000), -1);
   assert.equal(track.rowAt(505000), 5);
+});
+
+test("the gaps of a recording do not depend on the last message, which may have few poses", () => {
+  for (const last of [[256], [256, 280]]) {
+    const track = new ObjectTrack(INFO, 0, true);
+    track.addPoses(Array.from({ length: 256 }, (_, i) => pose(33_000 * i)));
+    track.addPoses(last.map((i) => pose(33_000 * i)));
+    const { poses, log, gapUs } = track;
+    const rows = selectRows(poses, 0, poses.length, 1000, gapUs);
+    assert.equal(rows.filter((row) => row < 0).length, last.length - 1, "only the true gap");
+    assert.deepEqual(log.changes.map(({ state }) => state), last.length === 1 ? ["tracking"] : ["tracking", "none", "tracking"]);
+  }
 });
 
 test("a loss that the gateway reported is not replaced by a gap", () => {
