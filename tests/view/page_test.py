@@ -383,6 +383,15 @@ class RecordingPage(PageTest):
         self.page.wait_for_data(playing="false")
         self.assert_pose_is_that_of_the_stream()
 
+    def test_plays_from_the_beginning_after_the_end(self):
+        self.page.press(END)
+        self.wait_for_instant(START_US + 10_000_000)
+        self.page.press("-", "-", "-", "-", "-", "-", " ")
+        self.page.wait_for_data(playing="true")
+        self.page.wait(lambda: int(self.page.data["instantUs"]) < START_US + 5_000_000, "an instant in the first half")
+        self.page.press(" ")
+        self.page.wait_for_data(playing="false")
+
     def test_a_click_into_a_plot_or_the_time_line_shows_that_instant(self):
         for selector, share in ((".plot-box .u-over", 0.25), ("#timeline", 0.8)):
             self.page.click(selector, share)

@@ -84,9 +84,15 @@ export class Transport {
   }
 
   toggle(): void {
-    if (!this.store.range) return;
-    if (this.store.position?.playing) this.send({ type: "pause" });
-    else this.send({ type: "play", speed: this.speed });
+    const { position, range, recordedRange } = this.store;
+    if (!range || !recordedRange) return;
+    if (position?.playing) {
+      this.send({ type: "pause" });
+      return;
+    }
+    // A play ends with the last event: after the end, the recording is played from its beginning.
+    if (range.complete && position && position.t_us >= range.to_us) this.send({ type: "seek", t_us: recordedRange.from_us });
+    this.send({ type: "play", speed: this.speed });
   }
 
   /** Chooses the next faster (1) or slower (-1) speed. */
