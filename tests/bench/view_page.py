@@ -11,7 +11,7 @@ images drawn per second, with the plots, and the images that the gateway has lef
 frame that shows it, median and 95 % quantile; the poses; and whether the session kept up with the sensor: how late the events were written,
 and the age of the oldest event that waits at the server when the last one has been written. Tracking begins with the true pose.
 
-The page asks for 30 images per second, and could not show that the machine makes more. Its request is changed to --rate. The delay ends when
+The page asks for 32 images per second, and could not show that the machine makes more. Its request is changed to --rate. The delay ends when
 the page has drawn the image: the browser composes it for the screen up to one frame later. Events are written to the pipe in blocks of
 4.096 ms, at whose end the pace is exact.
 """
@@ -27,15 +27,12 @@ import tempfile
 import threading
 import time
 
-import numpy
-
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/view"), str(ROOT / "tests")]
 from browser import Page, PageServer, require_browser  # noqa: E402
+from event_blocks import BlockPipe  # noqa: E402
 from processes import Server, first_pose, simulate  # noqa: E402
 
-TIME_HIGH = 0x8  # type of the EVT3 word with bits 12 to 23 of the time
-BLOCK_US = 4096
 # Notes for each drawn image its newest event (sensor time, us) and the wall-clock time of the frame (ms since 1970); the latest health; and
 # asks for RATE_HZ images per second.
 RECORD = """
@@ -63,38 +60,20 @@ new MutationObserver(() => {
 """
 
 
-def blocks(path):
-    """The header of a RAW EVT3 file, and its blocks of BLOCK_US with the sensor time of their end, us."""
-    data = path.read_bytes()
-    begin = data.index(b"% end\n") + len(b"% end\n")
-    words = numpy.frombuffer(data[begin:], dtype="<u2")
-    at = numpy.flatnonzero(words >> 12 == TIME_HIGH)
-    high = (words[at] & 0xFFF).astype(numpy.int64)
-    high += 4096 * numpy.cumsum(numpy.concatenate([[0], numpy.diff(high) < 0]))
-    first = numpy.flatnonzero(numpy.concatenate([[True], numpy.diff(high) > 0]))  # time words may be repeated
-    ends = numpy.append(at[first][1:], len(words))
-    begins = at[first]
-    return data[: begin + 2 * begins[0]], [(words[a:b].tobytes(), (int(t) + 1) * BLOCK_US) for a, b, t in zip(begins, ends, high[first])]
-
-
 class Sensor(threading.Thread):
-    """Writes a recording to a pipe at the pace of the sensor. The pipe remains open."""
+    """Sends a recording at the pace of the sensor. The pipe remains open."""
 
-    def __init__(self, path, pipe):
+    def __init__(self, pipe):
         super().__init__(daemon=True)
-        self.header, self.blocks = blocks(path)
         self.pipe = pipe
         self.late_s = 0.0
-        self.begin_s = None  # wall-clock time of sensor time 0
+        self.begin_s = time.time() - pipe.next_end_us * 1e-6  # wall-clock time of sensor time 0
 
     def run(self):
-        self.pipe.write(self.header)
-        self.begin_s = time.time() - self.blocks[0][1] * 1e-6
-        for words, end_us in self.blocks:
-            due_s = self.begin_s + end_us * 1e-6
+        while self.pipe.next_end_us is not None:
+            due_s = self.begin_s + self.pipe.next_end_us * 1e-6
             time.sleep(max(0.0, due_s - time.time()))
-            self.pipe.write(words)
-            self.pipe.flush()
+            self.pipe.send()
             self.late_s = max(self.late_s, time.time() - due_s)
 
 
@@ -117,13 +96,15 @@ def queue_age_s(address, session):
 
 
 def measure(evpose, scene, address, page):
-    stream = subprocess.Popen([evpose, "stream", "-", "--model", scene / "model.obj", "--camera", scene / "camera.yaml", "--init-pose",
-                               first_pose(scene), "--server", address, "--json"],
-                              stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     with contextlib.ExitStack() as cleanup:
+        command = [evpose, "stream", "-", "--model", scene / "model.obj", "--camera", scene / "camera.yaml", "--init-pose", first_pose(scene),
+                   "--server", address, "--json"]
+        pipe = cleanup.enter_context(BlockPipe(scene / "recording.raw", lambda stdin: subprocess.Popen(
+            command, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)))
+        stream = pipe.reader
         cleanup.callback(stream.wait)
         cleanup.callback(stream.kill)
-        sensor = Sensor(scene / "recording.raw", stream.stdin)
+        sensor = Sensor(pipe)
         sensor.start()
         session = session_of(evpose, address, stream)
         begin_s = time.time()
@@ -134,7 +115,8 @@ def measure(evpose, scene, address, page):
         age_s = queue_age_s(address, session)
         drawn, health = page.run("return [window.drawn, window.health]")
         page.driver.get("about:blank")
-        output = stream.communicate()[0]  # closes its input
+        pipe.close()
+        output = stream.communicate()[0]
     if stream.returncode != 0:
         raise RuntimeError("evpose stream has failed")
     report = json.loads(output)
