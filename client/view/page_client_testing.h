@@ -64,11 +64,11 @@ struct HttpAnswer {
   std::string body;
 };
 
-// One request with the given headers.
-inline HttpAnswer Request(int port, const std::string& text) {
+// One request with the given headers, to the server at this address.
+inline HttpAnswer Request(int port, const std::string& text, const std::string& address = "127.0.0.1") {
   boost::asio::io_context context;
   boost::asio::ip::tcp::socket socket(context);
-  socket.connect({boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(port)});
+  socket.connect({boost::asio::ip::make_address(address), static_cast<uint16_t>(port)});
   boost::system::error_code error;
   boost::asio::write(socket, boost::asio::buffer(text), error);
   boost::beast::flat_buffer buffer;
@@ -85,8 +85,9 @@ inline HttpAnswer Request(int port, const std::string& text) {
   return answer;
 }
 
-inline HttpAnswer Get(int port, const std::string& path, const std::string& host) {
-  return Request(port, absl::StrCat("GET ", path, " HTTP/1.1\r\nHost: ", host, "\r\n\r\n"));
+inline HttpAnswer Get(int port, const std::string& path, const std::string& host,
+                      const std::string& address = "127.0.0.1") {
+  return Request(port, absl::StrCat("GET ", path, " HTTP/1.1\r\nHost: ", host, "\r\n\r\n"), address);
 }
 
 // The request of a browser for the WebSocket, from a page of this origin.

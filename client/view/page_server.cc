@@ -30,6 +30,14 @@ using AsioError = boost::system::error_code;
 constexpr std::chrono::milliseconds kAcceptPause(100);  // until accept() is tried again after an error
 constexpr std::chrono::seconds kEndTimeout(1);          // for the last messages to the pages
 
+// Returns the host of the page's address: 127.0.0.1 for a server that listens on all addresses of the machine.
+std::string BrowserHost(const server::ListenAddress& address, const boost::asio::ip::address& bound) {
+  if (bound.is_unspecified()) return "127.0.0.1";
+  AsioError error;
+  boost::asio::ip::make_address(address.host, error);
+  return error ? address.host : bound.to_string();  // browsers shorten an IPv6 address in the same way
+}
+
 }  // namespace
 
 class PageServer::Impl : public PageConnection::Owner {
@@ -39,7 +47,7 @@ class PageServer::Impl : public PageConnection::Owner {
   absl::Status Listen(const PageServerOptions& options, absl::Span<const PageFile> files);
   void Serve(ViewSource& source);
   int port() const { return port_; }
-  std::string url() const { return absl::StrCat("http://127.0.0.1:", port_, "/#", key_); }
+  std::string url() const { return absl::StrCat("http://", site_->address(), "/#", key_); }
   void End(const std::string& reason);
 
   absl::StatusOr<std::unique_ptr<PageView>> OpenPage(std::shared_ptr<PageOutbox> outbox) override;
@@ -84,8 +92,10 @@ absl::Status PageServer::Impl::Listen(const PageServerOptions& options, absl::Sp
   timeout_ = options.timeout;
   EVPOSE_ASSIGN_OR_RETURN(key_, server::RandomHex128());
   EVPOSE_ASSIGN_OR_RETURN(acceptors_, server::ListenOn(context_, address));
-  port_ = acceptors_.front().local_endpoint().port();
-  site_ = std::make_unique<PageSite>(files, port_, options.hosts, key_);
+  const tcp::endpoint bound = acceptors_.front().local_endpoint();
+  port_ = bound.port();
+  const server::ListenAddress of_page{BrowserHost(address, bound.address()), port_};
+  site_ = std::make_unique<PageSite>(files, of_page, options.hosts, key_);
   return absl::OkStatus();
 }
 

@@ -24,8 +24,8 @@ struct PageFile {
 
 struct PageServerOptions {
   std::string listen = "127.0.0.1:0";  // HOST:PORT; port 0: a free one
-  // Further values of the header Host that are accepted, beside 127.0.0.1:PORT and localhost:PORT: "name" or
-  // "name:port".
+  // Further values of the header Host that are accepted, beside 127.0.0.1:PORT, localhost:PORT and that of url():
+  // "name" or "name:port".
   std::vector<std::string> hosts;
   // Longest time until a connection has sent its request, until a page has sent its key, and until a page has received
   // a message. The connection is closed after it.
@@ -50,7 +50,8 @@ class PageServer {
   ~PageServer();
 
   int port() const;
-  // Returns the address with the key. Everyone who has it can see what the pages show.
+  // Returns the address with the key: http://HOST:PORT/#KEY, with the host of `listen`, or 127.0.0.1 if the server
+  // listens on all addresses of the machine. Everyone who has it can see what the pages show.
   std::string url() const;
   // Sends `reason` to all pages as the end of the view.
   void End(const std::string& reason);

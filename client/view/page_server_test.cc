@@ -94,6 +94,41 @@ TEST_F(PageServerTest, OtherHostsAndOriginsAreRefused) {
   EXPECT_EQ(OpenStream(server_->port(), host_, "https://" + host_).status, 101u) << "behind a proxy with TLS";
 }
 
+// The whole network 127.0.0.0/8 is this machine.
+TEST_F(PageServerTest, TheAddressOfThePageIsThatOfTheServer) {
+  Serve({.listen = "127.0.0.2:0"});
+  const std::string host = absl::StrCat("127.0.0.2:", server_->port());
+  EXPECT_EQ(server_->url(), absl::StrCat("http://", host, "/#", key_));
+  const HttpAnswer page = Get(server_->port(), "/", host, "127.0.0.2");
+  EXPECT_EQ(page.status, 200u);
+  EXPECT_THAT(page.headers.at("Content-Security-Policy"), HasSubstr(absl::StrCat("ws://", host, " ")));
+  EXPECT_EQ(Get(server_->port(), "/", host_, "127.0.0.2").status, 200u) << "with ssh -L";
+  EXPECT_EQ(Get(server_->port(), "/", absl::StrCat("127.0.0.3:", server_->port()), "127.0.0.2").status, 403u);
+
+  Serve({.listen = "0.0.0.0:0"});
+  EXPECT_EQ(server_->url(), absl::StrCat("http://", host_, "/#", key_)) << "browsers refuse 0.0.0.0";
+  EXPECT_EQ(Get(server_->port(), "/", host_).status, 200u);
+  EXPECT_EQ(Get(server_->port(), "/", absl::StrCat("0.0.0.0:", server_->port())).status, 403u);
+
+  Serve({.listen = "LocalHost:0"});
+  EXPECT_EQ(server_->url(), absl::StrCat("http://localhost:", server_->port(), "/#", key_));
+}
+
+TEST_F(PageServerTest, AnIpv6AddressHasBrackets) {
+  boost::asio::io_context context;
+  boost::system::error_code error;
+  boost::asio::ip::tcp::acceptor acceptor(context);
+  acceptor.open(boost::asio::ip::tcp::v6(), error);
+  if (!error) acceptor.bind({boost::asio::ip::address_v6::loopback(), 0}, error);
+  if (error) GTEST_SKIP() << "this machine has no IPv6: " << error.message();
+  Serve({.listen = "[0:0:0:0:0:0:0:1]:0"});
+  const std::string host = absl::StrCat("[::1]:", server_->port());
+  EXPECT_EQ(server_->url(), absl::StrCat("http://", host, "/#", key_)) << "as browsers shorten it";
+  const HttpAnswer page = Get(server_->port(), "/", host, "::1");
+  EXPECT_EQ(page.status, 200u);
+  EXPECT_THAT(page.headers.at("Content-Security-Policy"), HasSubstr("connect-src 'self'; frame"));
+}
+
 TEST_F(PageServerTest, APageWithoutTheKeyIsClosed) {
   Serve();
   const std::string almost = key_.substr(0, 31) + (key_.back() == '0' ? '1' : '0');

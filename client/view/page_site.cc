@@ -4,29 +4,35 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/algorithm/container.h"
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/strip.h"
 #include "server/runtime/random_name.h"
 
 namespace evpose::client {
 namespace {
 
-constexpr int kHttpPort = 80;  // browsers leave it out
+constexpr absl::string_view kHttpPort = ":80";  // browsers leave it out
 
 }  // namespace
 
-PageSite::PageSite(absl::Span<const PageFile> files, int port, const std::vector<std::string>& hosts, std::string key)
+PageSite::PageSite(absl::Span<const PageFile> files, const server::ListenAddress& address,
+                   const std::vector<std::string>& hosts, std::string key)
     : files_(files.begin(), files.end()), key_(std::move(key)) {
-  for (const char* const name : {"127.0.0.1", "localhost"}) {
-    hosts_.push_back(absl::StrCat(name, ":", port));
-    if (port == kHttpPort) hosts_.emplace_back(name);
+  for (const std::string& name : {address.host, std::string("127.0.0.1"), std::string("localhost")}) {
+    const std::string host = absl::AsciiStrToLower(server::ListenAddress{name, address.port}.WithPort(address.port));
+    if (absl::c_linear_search(hosts_, host)) continue;
+    hosts_.push_back(host);
+    if (absl::EndsWith(host, kHttpPort)) hosts_.emplace_back(absl::StripSuffix(host, kHttpPort));
   }
   for (const std::string& host : hosts) hosts_.push_back(absl::AsciiStrToLower(host));
 }
 
 absl::Status PageSite::CheckHost(absl::string_view host) const {
-  if (std::find(hosts_.begin(), hosts_.end(), absl::AsciiStrToLower(host)) != hosts_.end()) return absl::OkStatus();
+  if (absl::c_linear_search(hosts_, absl::AsciiStrToLower(host))) return absl::OkStatus();
   return absl::PermissionDeniedError(absl::StrCat("this page is served as ", absl::StrJoin(hosts_, ", "),
                                                   " only; evpose view --allow-host NAME:PORT permits another name\n"));
 }
@@ -48,10 +54,13 @@ const PageFile* PageSite::Find(absl::string_view target) const {
 }
 
 std::vector<std::pair<std::string, std::string>> PageSite::Headers(absl::string_view host) const {
-  // Not all browsers take a WebSocket of the same host as 'self', so that its address is given, too.
+  // Not all browsers take a WebSocket of the same host as 'self', so that its address is given, too; a policy cannot
+  // have IPv6 addresses.
+  const bool is_ipv6 = absl::StartsWith(host, "[");
   const std::string policy =
-      absl::StrCat("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' ",
-                   "ws://", host, " wss://", host, "; frame-ancestors 'none'; base-uri 'none'; form-action 'none'");
+      absl::StrCat("default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'",
+                   is_ipv6 ? "" : absl::StrCat(" ws://", host, " wss://", host),
+                   "; frame-ancestors 'none'; base-uri 'none'; form-action 'none'");
   return {{"Content-Security-Policy", policy},
           {"X-Content-Type-Options", "nosniff"},
           {"Referrer-Policy", "no-referrer"},

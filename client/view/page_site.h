@@ -9,6 +9,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/string_view.h"
 #include "client/view/page_server.h"
+#include "server/connections/listen_address.h"
 
 namespace evpose::client {
 
@@ -18,8 +19,12 @@ inline constexpr absl::string_view kStreamPath = "/stream";
 // Immutable.
 class PageSite {
  public:
-  // Accepts the names 127.0.0.1:PORT, localhost:PORT and `hosts` for the server.
-  PageSite(absl::Span<const PageFile> files, int port, const std::vector<std::string>& hosts, std::string key);
+  // Accepts the names of `address`, 127.0.0.1:PORT, localhost:PORT and `hosts` for the server.
+  PageSite(absl::Span<const PageFile> files, const server::ListenAddress& address,
+           const std::vector<std::string>& hosts, std::string key);
+
+  // Returns HOST:PORT of `address`.
+  const std::string& address() const { return hosts_.front(); }
 
   // Error: PERMISSION_DENIED for another host, such as a name that an attacker has let resolve to this machine (DNS
   // rebinding).

@@ -14,6 +14,7 @@ import http.client
 import json
 import os
 import pathlib
+import socket
 import subprocess
 
 from browser import STATE_COLOURS
@@ -21,6 +22,15 @@ from view_case import DURATION_S, EVENTS_SCRIPT, START_US, ViewTest, evpose, mai
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 HOME = "\ue011"
+
+
+def has_ipv6():
+    try:
+        with socket.socket(socket.AF_INET6) as probe:
+            probe.bind(("::1", 0))
+        return True
+    except OSError:
+        return False
 
 
 class RecordingTest(ViewTest):
@@ -145,6 +155,16 @@ class RecordingView(RecordingTest):
         page = self.open_page(self.gateway.origin + "/#" + 32 * "0")
         page.wait_for_data(connection="refused")
         self.assertEqual(page.data.get("session"), None)
+
+    def test_the_printed_address_of_any_listener_can_be_opened(self):
+        for address, host in (("127.0.0.2:0", "127.0.0.2"), ("[::1]:0", "[::1]"), ("0.0.0.0:0", "127.0.0.1")):
+            if "[" in address and not has_ipv6():
+                continue
+            gateway = self.serve_page(self.recording, *self.inputs, "--poses", self.poses_file, "--listen", address)
+            self.assertTrue(gateway.url.startswith(f"http://{host}:"), gateway.url)
+            self.page.driver.get(gateway.url)
+            self.page.wait(lambda: int(self.page.data.get("imageNumber", 0)) > 0, f"the first image of {gateway.origin}")
+            self.assert_silent(self.page)
 
 
 class RecordingInAWorld(RecordingTest):
