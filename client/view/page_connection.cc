@@ -57,7 +57,19 @@ void PageConnection::Answer() {
   }
   const PageFile* const file = site_.Find(target);
   if (file == nullptr) return Respond(http::status::not_found, "text/plain", "there is no such page\n");
-  Respond(http::status::ok, file->content_type, file->bytes);
+  RespondWith(*file);
+}
+
+void PageConnection::RespondWith(const PageFile& file) {
+  if (!file.is_gzip) return Respond(http::status::ok, file.content_type, file.bytes);
+  response_.set(http::field::vary, "Accept-Encoding");
+  if (AcceptsGzip(View(parser_->get()[http::field::accept_encoding]))) {
+    response_.set(http::field::content_encoding, "gzip");
+    return Respond(http::status::ok, file.content_type, file.bytes);
+  }
+  const absl::StatusOr<std::string> plain = Decompress(file.bytes);
+  if (plain.ok()) return Respond(http::status::ok, file.content_type, *plain);
+  Respond(http::status::internal_server_error, "text/plain", plain.status().message());
 }
 
 void PageConnection::Respond(http::status status, absl::string_view content_type, absl::string_view body) {
@@ -70,7 +82,14 @@ void PageConnection::Respond(http::status status, absl::string_view content_type
   response_.keep_alive(false);
   response_.content_length(body.size());
   if (request.method() != http::verb::head) response_.body() = std::string(body);
-  http::async_write(*http_, response_, [self = shared_from_this()](const Error&, size_t) {
+  serializer_.emplace(response_);
+  WriteResponse();
+}
+
+void PageConnection::WriteResponse() {
+  http_->expires_after(timeout_);
+  http::async_write_some(*http_, *serializer_, [self = shared_from_this()](const Error& error, size_t) {
+    if (!error && !self->serializer_->is_done()) return self->WriteResponse();
     Error ignored;
     self->http_->socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
     self->Finish();

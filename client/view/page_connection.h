@@ -48,7 +48,10 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   using WebSocket = boost::beast::websocket::stream<boost::beast::tcp_stream>;
 
   void Answer();
+  void RespondWith(const PageFile& file);
   void Respond(boost::beast::http::status status, absl::string_view content_type, absl::string_view body);
+  // Sends the next piece of the response, as large as the connection takes at once.
+  void WriteResponse();
   void AcceptWebSocket();
   void Read();
   void HandleMessage();
@@ -71,6 +74,7 @@ class PageConnection : public std::enable_shared_from_this<PageConnection> {
   boost::beast::flat_buffer buffer_;
   std::optional<boost::beast::http::request_parser<boost::beast::http::empty_body>> parser_;
   boost::beast::http::response<boost::beast::http::string_body> response_;
+  std::optional<boost::beast::http::response_serializer<boost::beast::http::string_body>> serializer_;
   std::shared_ptr<PageOutbox> outbox_;
   std::unique_ptr<PageView> view_;
   PageOutbox::Frame frame_;  // the frame that is being sent

@@ -20,6 +20,7 @@ struct PageFile {
   absl::string_view path;  // "/", "/app.js"
   absl::string_view content_type;
   absl::string_view bytes;
+  bool is_gzip = false;  // `bytes` are compressed
 };
 
 struct PageServerOptions {
@@ -27,8 +28,8 @@ struct PageServerOptions {
   // Further values of the header Host that are accepted, beside 127.0.0.1:PORT, localhost:PORT and that of url():
   // "name" or "name:port".
   std::vector<std::string> hosts;
-  // Longest time until a connection has sent its request, until a page has sent its key, and until a page has received
-  // a message. The connection is closed after it.
+  // Longest time until a connection has sent its request, until it has received a further piece of the answer, until a
+  // page has sent its key, and until a page has received a message. The connection is closed after it.
   std::chrono::milliseconds timeout{5000};
 };
 

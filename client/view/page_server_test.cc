@@ -3,9 +3,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <poll.h>
+#include <zlib.h>
 
 #include <boost/asio/read_until.hpp>
 #include <boost/asio/write.hpp>
+#include <iterator>
 #include <string>
 #include <vector>
 
@@ -20,11 +23,26 @@ using ::testing::HasSubstr;
 
 constexpr PageFile kFiles[] = {{"/", "text/html", "<p>page</p>"}, {"/app.js", "text/javascript", "run();"}};
 
+std::string Gzip(const std::string& plain) {
+  z_stream stream = {};
+  EXPECT_EQ(deflateInit2(&stream, Z_BEST_COMPRESSION, Z_DEFLATED, 16 + MAX_WBITS, MAX_MEM_LEVEL, Z_DEFAULT_STRATEGY),
+            Z_OK);
+  std::string input = plain, bytes(deflateBound(&stream, plain.size()), '\0');
+  stream.next_in = reinterpret_cast<Bytef*>(input.data());
+  stream.avail_in = static_cast<uInt>(input.size());
+  stream.next_out = reinterpret_cast<Bytef*>(bytes.data());
+  stream.avail_out = static_cast<uInt>(bytes.size());
+  EXPECT_EQ(deflate(&stream, Z_FINISH), Z_STREAM_END);
+  bytes.resize(stream.total_out);
+  deflateEnd(&stream);
+  return bytes;
+}
+
 class PageServerTest : public ::testing::Test {
  protected:
   void Serve(PageServerOptions options = {}) {
     options.timeout = timeout_;
-    auto server = PageServer::Listen(options, kFiles);
+    auto server = PageServer::Listen(options, files_);
     ASSERT_TRUE(server.ok()) << server.status();
     server_ = std::move(*server);
     server_->Serve(source_);
@@ -44,6 +62,7 @@ class PageServerTest : public ::testing::Test {
     return image;
   }
 
+  std::vector<PageFile> files_{std::begin(kFiles), std::end(kFiles)};
   std::chrono::milliseconds timeout_{60'000};
   TestSource source_;
   std::unique_ptr<PageServer> server_;
@@ -92,6 +111,58 @@ TEST_F(PageServerTest, OtherHostsAndOriginsAreRefused) {
   }
   EXPECT_EQ(OpenStream(server_->port(), host_, "http://" + host_).status, 101u);
   EXPECT_EQ(OpenStream(server_->port(), host_, "https://" + host_).status, 101u) << "behind a proxy with TLS";
+}
+
+TEST_F(PageServerTest, CompressedFilesAreSentAsTheClientAcceptsThem) {
+  const std::string plain(100'000, 'x'), bytes = Gzip(plain);
+  files_.push_back({"/large.txt", "text/plain", bytes, true});
+  files_.push_back({"/damaged.txt", "text/plain", absl::string_view(bytes).substr(0, bytes.size() / 2), true});
+  Serve();
+  const auto get = [&](const std::string& path, const std::string& accepted) {
+    return Request(server_->port(), absl::StrCat("GET ", path, " HTTP/1.1\r\nHost: ", host_, "\r\n", accepted, "\r\n"));
+  };
+  for (const char* const accepted : {"gzip", "br, GZIP;q=0.5", "deflate , gzip ; q=1"}) {
+    const HttpAnswer answer = get("/large.txt", absl::StrCat("Accept-Encoding: ", accepted, "\r\n"));
+    EXPECT_EQ(answer.status, 200u);
+    EXPECT_EQ(answer.headers.at("Content-Encoding"), "gzip") << accepted;
+    EXPECT_EQ(answer.headers.at("Vary"), "Accept-Encoding");
+    EXPECT_EQ(answer.body, bytes);
+  }
+  for (const char* const header : {"", "Accept-Encoding: br, identity\r\n", "Accept-Encoding: gzip;q=0\r\n",
+                                   "Accept-Encoding: gzip; q=0.000, br\r\n"}) {
+    const HttpAnswer answer = get("/large.txt", header);
+    EXPECT_EQ(answer.status, 200u);
+    EXPECT_FALSE(answer.headers.contains("Content-Encoding")) << header;
+    EXPECT_EQ(answer.headers.at("Vary"), "Accept-Encoding");
+    EXPECT_EQ(answer.body, plain);
+  }
+  EXPECT_FALSE(get("/app.js", "Accept-Encoding: gzip\r\n").headers.contains("Content-Encoding"));
+  const HttpAnswer damaged = get("/damaged.txt", "");
+  EXPECT_EQ(damaged.status, 500u);
+  EXPECT_EQ(damaged.body, "a file of the page in this program is damaged\n");
+}
+
+TEST_F(PageServerTest, ASlowClientReceivesAWholeFile) {
+  timeout_ = std::chrono::milliseconds(2'000);
+  const std::string large(size_t{64} << 20, 'x');  // more than the buffers of the sockets hold
+  files_.push_back({"/large.txt", "text/plain", large});
+  Serve();
+  boost::asio::io_context context;
+  boost::asio::ip::tcp::socket slow(context), idle(context);
+  for (auto* const socket : {&slow, &idle}) {
+    socket->connect({boost::asio::ip::address_v4::loopback(), static_cast<uint16_t>(server_->port())});
+  }
+  boost::asio::write(slow, boost::asio::buffer(absl::StrCat("GET /large.txt HTTP/1.1\r\nHost: ", host_, "\r\n\r\n")));
+  std::vector<char> piece(size_t{256} << 10);
+  size_t received = 0;
+  boost::system::error_code error;
+  // The server closes the idle connection after the timeout. The slow one is older.
+  for (pollfd closed = {idle.native_handle(), POLLIN, 0}; poll(&closed, 1, /*milliseconds*/ 20) == 0;) {
+    received += slow.read_some(boost::asio::buffer(piece), error);
+  }
+  EXPECT_LT(received, large.size());
+  while (!error) received += slow.read_some(boost::asio::buffer(piece), error);
+  EXPECT_GT(received, large.size()) << error.message();
 }
 
 // The whole network 127.0.0.0/8 is this machine.

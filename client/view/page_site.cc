@@ -1,23 +1,60 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "client/view/page_site.h"
 
+#include <zlib.h>
+
 #include <algorithm>
 #include <utility>
 
 #include "absl/algorithm/container.h"
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 #include "server/runtime/random_name.h"
 
 namespace evpose::client {
 namespace {
 
-constexpr absl::string_view kHttpPort = ":80";  // browsers leave it out
+constexpr absl::string_view kHttpPort = ":80";   // browsers leave it out
+constexpr int kGzipWindowBits = 16 + MAX_WBITS;  // zlib: a gzip header, with any window
 
 }  // namespace
+
+bool AcceptsGzip(absl::string_view accept_encoding) {
+  for (const absl::string_view part : absl::StrSplit(accept_encoding, ',')) {
+    const std::pair<absl::string_view, absl::string_view> coding = absl::StrSplit(part, absl::MaxSplits(';', 1));
+    if (!absl::EqualsIgnoreCase(absl::StripAsciiWhitespace(coding.first), "gzip")) continue;
+    // A weight of 0 excludes the coding.
+    absl::string_view weight = absl::StripAsciiWhitespace(coding.second);
+    double value = 1.0;
+    return !absl::ConsumePrefix(&weight, "q=") || !absl::SimpleAtod(weight, &value) || value > 0.0;
+  }
+  return false;
+}
+
+absl::StatusOr<std::string> Decompress(absl::string_view bytes) {
+  z_stream stream = {};
+  if (inflateInit2(&stream, kGzipWindowBits) != Z_OK) return absl::ResourceExhaustedError("no memory for a file\n");
+  const absl::Cleanup end = [&stream] { inflateEnd(&stream); };
+  stream.next_in = const_cast<Bytef*>(reinterpret_cast<const Bytef*>(bytes.data()));
+  stream.avail_in = static_cast<uInt>(bytes.size());
+  std::string plain;
+  int result = Z_OK;
+  while (result == Z_OK) {
+    char piece[16384];
+    stream.next_out = reinterpret_cast<Bytef*>(piece);
+    stream.avail_out = sizeof(piece);
+    result = inflate(&stream, Z_NO_FLUSH);
+    plain.append(piece, sizeof(piece) - stream.avail_out);
+  }
+  if (result == Z_STREAM_END) return plain;
+  return absl::InternalError("a file of the page in this program is damaged\n");
+}
 
 PageSite::PageSite(absl::Span<const PageFile> files, const server::ListenAddress& address,
                    const std::vector<std::string>& hosts, std::string key)

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "client/view/page_server.h"
 #include "server/connections/listen_address.h"
@@ -15,6 +16,11 @@ namespace evpose::client {
 
 // Path of the WebSocket.
 inline constexpr absl::string_view kStreamPath = "/stream";
+
+// Returns whether a client with this header Accept-Encoding takes answers that are compressed with gzip.
+bool AcceptsGzip(absl::string_view accept_encoding);
+// Errors: INTERNAL if the bytes are not compressed with gzip; RESOURCE_EXHAUSTED without memory.
+absl::StatusOr<std::string> Decompress(absl::string_view bytes);
 
 // Immutable.
 class PageSite {

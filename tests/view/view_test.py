@@ -134,7 +134,7 @@ class RecordingView(RecordingTest):
 
         def status(path, **headers):
             connection = http.client.HTTPConnection(address)
-            connection.putrequest("GET", path, skip_host=True)
+            connection.putrequest("GET", path, skip_host=True, skip_accept_encoding=True)
             for name, value in {"Host": address, **headers}.items():
                 connection.putheader(name.replace("_", "-"), value)
             connection.endheaders()
@@ -146,6 +146,8 @@ class RecordingView(RecordingTest):
         self.assertEqual(code, 200)
         self.assertIn("default-src 'none'", headers["Content-Security-Policy"])
         self.assertNotIn("unsafe", headers["Content-Security-Policy"])
+        self.assertEqual(status("/app.js", Accept_Encoding="gzip")[1]["Content-Encoding"], "gzip")
+        self.assertEqual(status("/app.js")[1]["Content-Encoding"], None)
         self.assertEqual(status("/", Host="rebound.example")[0] // 100, 4)
         self.assertEqual(status("/etc/passwd")[0], 404)
         upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13", "Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bundles the page: dist/{index.html,app.js,app.css,licenses.txt}. `--tests` bundles the unit tests instead, into build-tests/.
+// Bundles the page: dist/{index.html,app.js,app.css,licenses.txt}, each of them also with the ending .gz, compressed. `--tests` bundles
+// the unit tests instead, into build-tests/.
 import { build } from "esbuild";
 import { copyFile, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
+import { gzipSync } from "node:zlib";
 
 const root = dirname(fileURLToPath(import.meta.url));
 const common = { absWorkingDir: root, bundle: true, format: "esm", target: "es2022", logLevel: "warning" };
@@ -53,6 +55,9 @@ async function buildPage() {
   });
   await copyFile(join(root, "src/index.html"), join(dist, "index.html"));
   await writeFile(join(dist, "licenses.txt"), await licences(Object.keys(result.metafile.inputs)));
+  for (const name of await readdir(dist)) {
+    await writeFile(join(dist, `${name}.gz`), gzipSync(await readFile(join(dist, name)), { level: 9 }));
+  }
 }
 
 await (process.argv.includes("--tests") ? buildTests() : buildPage());
