@@ -40,6 +40,17 @@ TEST_F(ViewCommandTest, ARecordingIsServedUntilAnInterrupt) {
   EXPECT_THAT(result.out, ContainsRegex("^http://127.0.0.1:[0-9]+/#[0-9a-f]{32}\n$"));
 }
 
+TEST_F(ViewCommandTest, AWaitForARecordingIsStated) {
+  SimulateCube(0.02);
+  // The pipe has a writer, and no event comes.
+  const CliResult result = RunShell(
+      "mkfifo camera.raw messages\nexec 3<>camera.raw\nevpose view camera.raw --poses cube/truth.tum --model "
+      "cube/model.obj --camera cube/camera.yaml >address 2>messages &\n"
+      "read -r line <messages\ncat address\necho \"$line\"\nkill -TERM $!\nwait $! || true\n");
+  EXPECT_THAT(result.out, ContainsRegex("^http://127.0.0.1:[0-9]+/#[0-9a-f]{32}\nwaiting for a recording in the pipe "
+                                        "camera.raw \\.\\.\\.\n$"));
+}
+
 TEST_F(ViewCommandTest, ARecordingWithoutPosesIsServedWithAWarning) {
   SimulateCube(0.02);
   WriteText("none.tum", "# timestamp tx ty tz qx qy qz qw\n");

@@ -194,6 +194,18 @@ class RecordingInAWorld(RecordingTest):
         self.assert_silent(self.page)
 
 
+class PendingRecording(ViewTest):
+    def test_the_page_states_what_is_read_and_then_shows_it(self):
+        pipe = f"{self.dir}/camera.raw"
+        os.mkfifo(pipe)
+        page = self.open_page(self.serve_page(pipe, *self.inputs, "--poses", self.poses_file).url, records_network=True)
+        notice = f"reading {self.poses_file}, the models and {pipe}"
+        page.wait(lambda: any(isinstance(frame, str) and notice in frame for frame in page.received()), notice)
+        pathlib.Path(pipe).write_bytes(pathlib.Path(self.recording).read_bytes())
+        page.wait(lambda: int(page.data.get("imageNumber", 0)) > 0, "the first image")
+        self.assert_silent(page)
+
+
 class LossesOfARecording(ViewTest):
     def test_the_time_line_has_the_causes_of_the_file(self):
         # The events contradict this pose, so that the object is lost and found again.

@@ -8,6 +8,7 @@
 #include <future>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -136,7 +137,8 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
     if (value.empty()) return UsageError(absl::StrCat("a recording is shown with its poses: give ", name, ", too"));
   }
   std::unique_ptr<RecordingSource> source;
-  PendingSource pending({.is_recording = true, .source = arguments.what}, absl::StrCat("reading ", arguments.poses));
+  PendingSource pending({.is_recording = true, .source = arguments.what},
+                        absl::StrCat("reading ", arguments.poses, ", the models and ", arguments.what));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<PageServer> server, arguments.page.Listen());  // ends first
   std::future<absl::Status> reading = std::async(std::launch::async, [&]() -> absl::Status {
     EVPOSE_ASSIGN_OR_RETURN(RecordingInputs inputs, ReadViewInputs(arguments, context));
@@ -144,7 +146,11 @@ absl::Status ViewRecording(const ViewArguments& arguments, CliContext& context) 
     return absl::OkStatus();
   });
   const bool is_slow = reading.wait_for(kSoon) == std::future_status::timeout;
-  if (is_slow) arguments.page.Serve(*server, pending, context.out, context.err);
+  if (is_slow) {
+    arguments.page.Serve(*server, pending, context.out, context.err);
+    const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.what);
+    reading.wait();
+  }
   if (const absl::Status status = reading.get(); !status.ok()) {
     server->End(std::string(status.message()));
     return status;
