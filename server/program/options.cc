@@ -72,6 +72,7 @@ struct Arguments {
   double listener_timeout_s = absl::ToDoubleSeconds(ServerOptions().listener_timeout);
   double stream_idle_timeout_s = absl::ToDoubleSeconds(ServerOptions().stream_idle_timeout);
   double attach_timeout_s = absl::ToDoubleSeconds(ServerOptions().attach_timeout);
+  double response_timeout_s = absl::ToDoubleSeconds(ServerOptions().response_timeout);
   double upload_timeout_s = absl::ToDoubleSeconds(ServerOptions().upload_timeout);
   double shutdown_timeout_s = absl::ToDoubleSeconds(ServerOptions().drain_timeout);
   double shutdown_notice_s = 0.0;
@@ -166,8 +167,8 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
          "--max-session-memory", arguments.max_session_memory,
          "Bytes of memory for all sessions together; each counts with the most that it may take. Default: 75 % "
          "of the memory of the machine or the control group, or what --slow-threads preparations with "
-         "--model-memory each, --max-model-store-bytes, --max-transport-bytes and 0.2 GB leave of it, whichever "
-         "is less, but at least 25 %")
+         "--model-memory each, --max-model-store-bytes, 1.25 times --max-transport-bytes and 0.2 GB leave of it, "
+         "whichever is less, but at least 25 %")
       ->type_name("BYTES");
   app.add_option("--max-connections", options.max_connections,
                  "Connections at a time; 0: half of the descriptors that the process may have, at most 4096");
@@ -204,8 +205,15 @@ void DefineLimits(CLI::App& app, Arguments& arguments) {
                  "this server cannot create another one; 0: no bound, because replays use all time that cameras leave")
       ->envname("EVPOSE_MAX_LOAD")
       ->type_name("RATIO");
+}
+
+void DefineTimeouts(CLI::App& app, Arguments& arguments) {
+  app.option_defaults()->group("Limits");
   app.add_option("--attach-timeout", arguments.attach_timeout_s,
                  "Time within which a new stream must attach, and an upload must send its next message")
+      ->type_name("SECONDS");
+  app.add_option("--response-timeout", arguments.response_timeout_s,
+                 "Time within which a client must have taken the response of a call, except on streams")
       ->type_name("SECONDS");
   app.add_option("--stream-idle-timeout", arguments.stream_idle_timeout_s,
                  "Time without a message after which a stream of events ends, so that its session can expire; 0: no "
@@ -288,6 +296,7 @@ void DefineArguments(CLI::App& app, Arguments& arguments) {
   DefineAccess(app, arguments);
   DefineStorage(app, arguments);
   DefineLimits(app, arguments);
+  DefineTimeouts(app, arguments);
   DefineTenantLimits(app, options);
   for (CLI::Option* const option : app.get_options()) {
     if (option->get_type_name() == "FILE") option->check(NotEmpty("the name is empty"));
@@ -359,6 +368,7 @@ void TakeValues(const Arguments& arguments, ServerOptions& options) {
   options.attach_timeout = absl::Seconds(arguments.attach_timeout_s);
   options.listener_timeout = absl::Seconds(arguments.listener_timeout_s);
   options.stream_idle_timeout = absl::Seconds(arguments.stream_idle_timeout_s);
+  options.response_timeout = absl::Seconds(arguments.response_timeout_s);
   options.upload_timeout = absl::Seconds(arguments.upload_timeout_s);
   options.session_expiry = absl::Seconds(arguments.session_expiry_s);
   options.drain_timeout = absl::Seconds(arguments.shutdown_timeout_s);

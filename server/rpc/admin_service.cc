@@ -43,7 +43,7 @@ void ChangeLogLevel(const Caller& caller, LogLevel before, LogLevel after) {
 
 grpc::ServerUnaryReactor* AdminServiceImpl::GetServerInfo(grpc::CallbackServerContext* context,
                                                           const v1::GetServerInfoRequest*, v1::ServerInfo* response) {
-  return FinishUnary(services_.authenticator, context, [this, response](const Caller& caller) {
+  return FinishUnary(services_, context, response, [this, response](const Caller& caller) {
     const SessionManager::Options& options = services_.sessions.options();
     const BuildVersion build = ThisBuild();
     response->set_version(build.version);
@@ -65,7 +65,7 @@ grpc::ServerUnaryReactor* AdminServiceImpl::GetServerInfo(grpc::CallbackServerCo
 
 grpc::ServerUnaryReactor* AdminServiceImpl::Drain(grpc::CallbackServerContext* context, const v1::DrainRequest* request,
                                                   v1::DrainResponse* response) {
-  return FinishUnary(services_.authenticator, context, [this, request, response](const Caller& caller) -> absl::Status {
+  return FinishUnary(services_, context, response, [this, request, response](const Caller& caller) -> absl::Status {
     EVPOSE_RETURN_IF_ERROR(CheckIsOperator(caller, "drain the server"));
     const absl::Duration deadline = request->has_timeout() ? FromProto(request->timeout()) : services_.drain_timeout;
     if (deadline < absl::ZeroDuration()) {
@@ -80,7 +80,7 @@ grpc::ServerUnaryReactor* AdminServiceImpl::Drain(grpc::CallbackServerContext* c
 grpc::ServerUnaryReactor* AdminServiceImpl::SetLogLevel(grpc::CallbackServerContext* context,
                                                         const v1::SetLogLevelRequest* request,
                                                         v1::SetLogLevelResponse* response) {
-  return FinishUnary(services_.authenticator, context, [request, response](const Caller& caller) -> absl::Status {
+  return FinishUnary(services_, context, response, [request, response](const Caller& caller) -> absl::Status {
     EVPOSE_RETURN_IF_ERROR(CheckIsOperator(caller, "set the log level"));
     EVPOSE_ASSIGN_OR_RETURN(const LogLevel level, LogLevelFromProto(request->level()));
     const LogLevel before = CurrentLogLevel();

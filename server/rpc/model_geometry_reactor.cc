@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
 #include "core/models/display_geometry.h"
-#include "server/rpc/common/status_mapping.h"
+#include "server/rpc/common/authentication.h"
 #include "server/runtime/errors.h"
 #include "server/runtime/out_of_memory.h"
 
@@ -30,31 +30,32 @@ void SetGeometry(const DisplayGeometry& geometry, v1::ModelGeometry& out) {
 }
 
 // Loads and simplifies the model on the threads for the preparation of models, in the turn of its tenant.
-class GeometryReactor : public grpc::ServerUnaryReactor {
+class GeometryReactor : public UnaryReactor {
  public:
-  GeometryReactor(ModelRegistry& models, MemoryBudget& memory, const v1::GetModelGeometryRequest& request,
+  GeometryReactor(ModelRegistry& models, MemoryBudget& memory, const ResponseLimits& limits,
+                  grpc::CallbackServerContext& context, const v1::GetModelGeometryRequest& request,
                   v1::ModelGeometry& response)
-      : models_(models), memory_(memory), request_(request), response_(response) {}
+      : UnaryReactor(limits, context, response),
+        models_(models),
+        memory_(memory),
+        request_(request),
+        response_(response) {}
 
   void Start(SlowExecutor& preparations, const absl::StatusOr<Caller>& caller) {
-    if (!caller.ok()) return Finish(ToGrpcStatus(caller.status()));
+    if (!caller.ok()) return Refuse(caller.status());
     if (request_.max_faces() > kMaxFaces) {
-      return Finish(ToGrpcStatus(InvalidField(
-          "max_faces", absl::StrCat("is ", request_.max_faces(), "; at most ", kMaxFaces, " are returned"))));
+      return Refuse(InvalidField("max_faces",
+                                 absl::StrCat("is ", request_.max_faces(), "; at most ", kMaxFaces, " are returned")));
     }
     // gRPC does not call OnDone() before Finish().
     const absl::Status posted = preparations.TryPost(
         caller->tenant,
         [this, tenant = caller->tenant](const absl::Status& admitted) {
-          Finish(ToGrpcStatus(admitted.ok() ? OrOutOfMemory([&] { return SetResponse(tenant); }) : admitted));
+          Answer(tenant, admitted.ok() ? OrOutOfMemory([&] { return SetResponse(tenant); }) : admitted);
         },
-        cancellation_);
-    if (!posted.ok()) Finish(ToGrpcStatus(posted));
+        cancellation());  // a call that waits is finished in its turn, without work
+    if (!posted.ok()) Refuse(posted);
   }
-
-  // A call that waits is finished in its turn, without work.
-  void OnCancel() override { cancellation_->Cancel(); }
-  void OnDone() override { delete this; }
 
  private:
   absl::Status SetResponse(const std::string& tenant) {
@@ -72,7 +73,7 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
       EVPOSE_RETURN_IF_ERROR(use.status());
       model = use->model;
     }
-    EVPOSE_RETURN_IF_ERROR(cancellation_->status());
+    EVPOSE_RETURN_IF_ERROR(cancellation()->status());
     EVPOSE_ASSIGN_OR_RETURN(const MemoryCharge charge, memory_.Charge(tenant, {}, MemoryOfModels({model})));
     DisplayLimits limits;
     if (request_.max_faces() != 0) limits.max_faces = request_.max_faces();
@@ -84,16 +85,16 @@ class GeometryReactor : public grpc::ServerUnaryReactor {
   MemoryBudget& memory_;
   const v1::GetModelGeometryRequest& request_;
   v1::ModelGeometry& response_;
-  const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
 };
 
 }  // namespace
 
 grpc::ServerUnaryReactor* StartGetModelGeometry(ModelRegistry& models, SlowExecutor& preparations, MemoryBudget& memory,
-                                                const absl::StatusOr<Caller>& caller,
+                                                const ResponseLimits& limits, const absl::StatusOr<Caller>& caller,
+                                                grpc::CallbackServerContext& context,
                                                 const v1::GetModelGeometryRequest& request,
                                                 v1::ModelGeometry& response) {
-  auto* const reactor = new GeometryReactor(models, memory, request, response);
+  auto* const reactor = new GeometryReactor(models, memory, limits, context, request, response);
   reactor->Start(preparations, caller);
   return reactor;
 }

@@ -128,9 +128,11 @@ class GeometryReactorTest : public ::testing::Test, public v1::ModelService::Cal
                    });
     reactor_ = started_.get_future().get();
   }
-  grpc::ServerUnaryReactor* GetModelGeometry(grpc::CallbackServerContext*, const v1::GetModelGeometryRequest* request,
+  grpc::ServerUnaryReactor* GetModelGeometry(grpc::CallbackServerContext* context,
+                                             const v1::GetModelGeometryRequest* request,
                                              v1::ModelGeometry* response) override {
-    auto* const reactor = StartGetModelGeometry(*models_, preparations_, *memory_, Caller(), *request, *response);
+    auto* const reactor = StartGetModelGeometry(*models_, preparations_, *memory_, {quotas_, absl::Hours(1)}, Caller(),
+                                                *context, *request, *response);
     started_.set_value(reactor);
     return reactor;
   }
@@ -146,6 +148,7 @@ class GeometryReactorTest : public ::testing::Test, public v1::ModelService::Cal
   SlowExecutor preparations_{threads_.get_executor(), {.running = 1}};
   WatchedStore store_{MakeMemoryStore()};
   std::shared_ptr<MemoryBudget> memory_ = MemoryBudget::Create({});
+  TenantQuotas quotas_{{}};
   std::unique_ptr<ModelRegistry> models_;
   std::string name_;
   std::unique_ptr<grpc::Server> server_;

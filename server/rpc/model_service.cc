@@ -16,6 +16,7 @@
 #include "server/rpc/common/authentication.h"
 #include "server/rpc/common/call_alarm.h"
 #include "server/rpc/common/conversion.h"
+#include "server/rpc/common/pending_response.h"
 #include "server/rpc/common/status_mapping.h"
 #include "server/rpc/common/stream_registry.h"
 #include "server/rpc/model_geometry_reactor.h"
@@ -46,7 +47,8 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
         context_(context),
         access_version_(services.authenticator.version()),
         caller_(Authenticate(services.authenticator, *context)),
-        response_(response) {}
+        response_(response),
+        pending_(std::make_shared<PendingResponse>(LimitsOf(services), *context)) {}
 
   void Start() {
     self_ = shared_from_this();
@@ -97,6 +99,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
 
   void OnDone() override {
     services_.streams.Remove(this);
+    pending_->End();
     const std::shared_ptr<UploadReactor> last = std::move(self_);
   }
 
@@ -226,9 +229,10 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
     });
     const std::lock_guard lock(mutex_);
     if (is_finished_) return;
-    FinishWith(OrOutOfMemory([&] {
-      if (model.ok()) *response_ = ToProto(*model);
-      return model.status();
+    FinishWith(OrOutOfMemory([&]() -> absl::Status {
+      EVPOSE_RETURN_IF_ERROR(model.status());
+      *response_ = ToProto(*model);
+      return pending_->Begin(caller_->tenant, *response_);
     }));
   }
 
@@ -260,6 +264,7 @@ class UploadReactor : public grpc::ServerReadReactor<v1::UploadModelRequest>,
   uint64_t access_version_;  // used by CheckAccess() only, with the lock
   const absl::StatusOr<Caller> caller_;
   v1::Model* const response_;
+  const std::shared_ptr<PendingResponse> pending_;
   std::shared_ptr<UploadReactor> self_;  // until OnDone
   std::mutex mutex_;
   CallAlarm alarm_;
@@ -304,7 +309,7 @@ grpc::ServerReadReactor<v1::UploadModelRequest>* ModelServiceImpl::UploadModel(g
 
 grpc::ServerUnaryReactor* ModelServiceImpl::GetModel(grpc::CallbackServerContext* context,
                                                      const v1::GetModelRequest* request, v1::Model* response) {
-  return FinishUnary(services_.authenticator, context, [this, request, response](const Caller& caller) -> absl::Status {
+  return FinishUnary(services_, context, response, [this, request, response](const Caller& caller) -> absl::Status {
     EVPOSE_ASSIGN_OR_RETURN(const ModelInfo model, services_.models.Get(caller.tenant, request->name()));
     *response = ToProto(model);
     return absl::OkStatus();
@@ -314,7 +319,7 @@ grpc::ServerUnaryReactor* ModelServiceImpl::GetModel(grpc::CallbackServerContext
 grpc::ServerUnaryReactor* ModelServiceImpl::ListModels(grpc::CallbackServerContext* context,
                                                        const v1::ListModelsRequest* request,
                                                        v1::ListModelsResponse* response) {
-  return FinishUnary(services_.authenticator, context, [this, request, response](const Caller& caller) {
+  return FinishUnary(services_, context, response, [this, request, response](const Caller& caller) {
     return List(services_.models, caller.tenant, *request, *response);
   });
 }
@@ -323,13 +328,14 @@ grpc::ServerUnaryReactor* ModelServiceImpl::GetModelGeometry(grpc::CallbackServe
                                                              const v1::GetModelGeometryRequest* request,
                                                              v1::ModelGeometry* response) {
   return StartGetModelGeometry(services_.models, services_.pool.preparations(), *services_.sessions.options().memory,
-                               Authenticate(services_.authenticator, *context), *request, *response);
+                               LimitsOf(services_), Authenticate(services_.authenticator, *context), *context, *request,
+                               *response);
 }
 
 grpc::ServerUnaryReactor* ModelServiceImpl::DeleteModel(grpc::CallbackServerContext* context,
                                                         const v1::DeleteModelRequest* request,
-                                                        google::protobuf::Empty*) {
-  return PostUnary(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
+                                                        google::protobuf::Empty* response) {
+  return PostUnary(services_, context, response, [this, request](const Caller& caller) {
     return DeletionStatus(services_.models.Delete(caller.tenant, request->name()), request->allow_missing());
   });
 }

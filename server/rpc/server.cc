@@ -196,6 +196,7 @@ TenantQuotas::Options QuotaOptions(const ServerOptions& options, std::shared_ptr
   return {.max_streams = TenantLimit(options.tenant.max_streams, options.max_streams),
           .max_streams_of_server = options.max_streams,
           .max_watchers = TenantLimit(options.tenant.max_watchers, options.max_streams),
+          .max_response_bytes = options.max_transport_bytes / 8,
           .max_health_per_s = options.tenant.max_health_per_s,
           .max_bytes_per_s = max_bytes_per_s,
           // The bytes of one second, but at least one chunk.
@@ -262,6 +263,7 @@ class ServerImpl : public Server, public Drainer {
                  options.attach_timeout,
                  options.stream_idle_timeout,
                  options.upload_timeout,
+                 options.response_timeout,
                  options.max_model_bytes,
                  options.serves_event_images,
                  options.drain_timeout,

@@ -45,7 +45,8 @@ struct ServerOptions {
   // Called once when the server has stopped accepting connections, which only a restart remedies. It must not block.
   std::function<void()> on_stalled;
   // Memory that gRPC may take for connections and calls, bytes; beyond it, it delays reading and closes connections.
-  // Enough for the default of max_streams at 50 kB each, and for a message of a hundred of them at a time.
+  // Enough for the default of max_streams at 50 kB each, and for a message of a hundred of them at a time. In addition,
+  // responses that clients have not read may take a quarter of it, and those of one tenant an eighth.
   uint64_t max_transport_bytes = 512ull << 20;
   // The store of sessions and models. The default, in memory, is enough for an in-process server.
   StoreOptions store;
@@ -76,6 +77,9 @@ struct ServerOptions {
   uint32_t max_uploads = 64;
   // Time within which the file of an upload must arrive: 64 MiB at 5 Mbit/s take 107 s.
   absl::Duration upload_timeout = absl::Seconds(120);
+  // Time within which a client must have taken the response of a call; streams have none. The largest response, 4 MB,
+  // takes 32 s at 1 Mbit/s.
+  absl::Duration response_timeout = absl::Seconds(60);
   // Maximum size of a chunk of events, bytes. Larger chunks would only delay acks and poses.
   uint32_t max_chunk_bytes = 1u << 20;
   // Maximum number of received but undecoded bytes of a session: one second of a busy EVK4. At least max_chunk_bytes.

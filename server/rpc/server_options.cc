@@ -141,7 +141,7 @@ absl::Status CheckTimes(const ServerOptions& options) {
   constexpr absl::Duration kMinListenerTimeout = absl::Seconds(1);
   for (const auto& [field, duration] :
        {std::pair("attach_timeout", options.attach_timeout), std::pair("upload_timeout", options.upload_timeout),
-        std::pair("session_expiry", options.session_expiry),
+        std::pair("response_timeout", options.response_timeout), std::pair("session_expiry", options.session_expiry),
         std::pair("store_check_period", options.store_check_period)}) {
     if (duration <= absl::ZeroDuration()) return InvalidField(field, "must be positive");
     EVPOSE_RETURN_IF_ERROR(CheckDuration(field, duration));

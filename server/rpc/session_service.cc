@@ -35,18 +35,18 @@ absl::StatusOr<std::shared_ptr<Session>> Create(SessionManager& sessions, const 
 // Finishes the call with the session and its resume token. For a session that was loaded from the store, the server has
 // only the digest of the token, and the client did not receive the token; so a new token is issued and sent when it is
 // durable. If the store does not respond, the call fails instead of waiting without limit.
-void FinishCreate(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store,
-                  v1::CreateSessionResponse& response, grpc::ServerUnaryReactor& reactor) {
+void FinishCreate(const absl::StatusOr<std::shared_ptr<Session>>& session, Store& store, const std::string& tenant,
+                  v1::CreateSessionResponse& response, UnaryReactor& reactor) {
   const absl::Status status = OrOutOfMemory([&]() -> absl::Status {
     EVPOSE_RETURN_IF_ERROR(session.status());
     *response.mutable_session() = ToProto((*session)->Describe());
     response.set_resume_token((*session)->resume_token());
     return response.resume_token().empty() ? FromStore(store.CheckHealth()) : absl::OkStatus();
   });
-  if (!status.ok() || !response.resume_token().empty()) return reactor.Finish(ToGrpcStatus(status));
-  (*session)->RenewToken([&response, &reactor](const absl::StatusOr<std::string>& token) {
+  if (!status.ok() || !response.resume_token().empty()) return reactor.Answer(tenant, status);
+  (*session)->RenewToken([tenant, &response, &reactor](const absl::StatusOr<std::string>& token) {
     if (token.ok()) response.set_resume_token(*token);
-    reactor.Finish(ToGrpcStatus(token.status()));
+    reactor.Answer(tenant, token.status());
   });
 }
 
@@ -71,15 +71,15 @@ grpc::ServerUnaryReactor* SessionServiceImpl::CreateSession(grpc::CallbackServer
                                                             const v1::CreateSessionRequest* request,
                                                             v1::CreateSessionResponse* response) {
   const absl::StatusOr<Caller> caller = Authenticate(services_.authenticator, *context);
-  auto* const reactor = new SlowCallReactor;
+  auto* const reactor = new UnaryReactor(LimitsOf(services_), *context, *response);
   if (!caller.ok()) {
-    reactor->Finish(ToGrpcStatus(caller.status()));
+    reactor->Refuse(caller.status());
     return reactor;
   }
   // Creating trackers takes too long for gRPC's threads and for the workers.
   PostCall(services_.pool, caller->tenant, reactor, [this, request, response, reactor, caller = *caller] {
     FinishCreate(OrOutOfMemory([&] { return Create(services_.sessions, caller, *request); }), services_.store,
-                 *response, *reactor);
+                 caller.tenant, *response, *reactor);
   });
   return reactor;
 }
@@ -93,23 +93,23 @@ grpc::ServerUnaryReactor* SessionServiceImpl::GetSession(grpc::CallbackServerCon
   };
   const absl::StatusOr<Caller> caller = Authenticate(services_.authenticator, *context);
   if (!caller.ok() || !services_.sessions.Get(caller->tenant, request->name()).ok()) {
-    return PostUnary(services_.authenticator, services_.pool, context, describe);
+    return PostUnary(services_, context, response, describe);
   }
-  return FinishUnary(services_.authenticator, context, describe);
+  return FinishUnary(services_, context, response, describe);
 }
 
 grpc::ServerUnaryReactor* SessionServiceImpl::ListSessions(grpc::CallbackServerContext* context,
                                                            const v1::ListSessionsRequest* request,
                                                            v1::ListSessionsResponse* response) {
-  return PostUnary(services_.authenticator, services_.pool, context, [this, request, response](const Caller& caller) {
+  return PostUnary(services_, context, response, [this, request, response](const Caller& caller) {
     return List(services_.sessions, caller.tenant, *request, *response);
   });
 }
 
 grpc::ServerUnaryReactor* SessionServiceImpl::DeleteSession(grpc::CallbackServerContext* context,
                                                             const v1::DeleteSessionRequest* request,
-                                                            google::protobuf::Empty*) {
-  return PostUnary(services_.authenticator, services_.pool, context, [this, request](const Caller& caller) {
+                                                            google::protobuf::Empty* response) {
+  return PostUnary(services_, context, response, [this, request](const Caller& caller) {
     return DeletionStatus(services_.sessions.Delete(caller.tenant, request->name(), caller.peer),
                           request->allow_missing());
   });

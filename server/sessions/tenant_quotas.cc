@@ -9,6 +9,23 @@
 #include "server/runtime/errors.h"
 
 namespace evpose::server {
+namespace {
+
+// What each tenant may have of the bytes of responses although the server has no more: some hundred small ones.
+constexpr uint64_t kOwnResponseBytes = 4u << 20;
+
+uint64_t Sum(const std::map<std::string, uint64_t>& counts) {
+  uint64_t sum = 0;
+  for (const auto& [tenant, count] : counts) sum += count;
+  return sum;
+}
+
+uint64_t CountOf(const std::map<std::string, uint64_t>& counts, const std::string& tenant) {
+  const auto found = counts.find(tenant);
+  return found == counts.end() ? 0 : found->second;
+}
+
+}  // namespace
 
 class TenantQuotas::Reservation {
  public:
@@ -17,19 +34,19 @@ class TenantQuotas::Reservation {
   Reservation(const Reservation&) = delete;
   Reservation& operator=(const Reservation&) = delete;
   ~Reservation() {
-    if (is_counted_) quotas_.Remove(counts_, tenant_);
+    if (amount_ != 0) quotas_.Remove(counts_, tenant_, amount_);
   }
   // To be called with the lock of the quotas.
-  void Count(uint32_t& count) {
-    ++count;
-    is_counted_ = true;
+  void Count(uint64_t& count, uint64_t amount = 1) {
+    count += amount;
+    amount_ = amount;
   }
 
  private:
   TenantQuotas& quotas_;
   Counts& counts_;
   const std::string tenant_;
-  bool is_counted_ = false;
+  uint64_t amount_ = 0;  // 0: not counted
 };
 
 absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddStream(const std::string& tenant) {
@@ -49,16 +66,13 @@ absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::Add(Counts& counts, co
                                                               const CountLimit& limit) {
   const auto reservation = std::make_shared<Reservation>(*this, counts, tenant);
   const std::lock_guard lock(mutex_);
-  uint64_t num_of_server = 0;
-  for (const auto& [name, count] : counts) num_of_server += count;
-  if (num_of_server >= limit.max_of_server) {
+  if (Sum(counts) >= limit.max_of_server) {
     options_.metrics->quota_refusals[QuotaLimit::kMaxStreams].Add();
     return LimitReached(v1::TOO_MANY_STREAMS, "max_streams",
                         absl::StrCat("the server has its ", limit.max_of_server, " streams: try again later"),
                         kRetryDelay);
   }
-  const auto found = counts.find(tenant);
-  if ((found == counts.end() ? 0 : found->second) >= limit.max) {
+  if (CountOf(counts, tenant) >= limit.max) {
     options_.metrics->quota_refusals[limit.metric].Add();
     return LimitReached(v1::TENANT_QUOTA, limit.subject,
                         absl::StrCat("this tenant has its ", limit.max, " ", limit.name,
@@ -69,10 +83,32 @@ absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::Add(Counts& counts, co
   return reservation;
 }
 
-void TenantQuotas::Remove(Counts& counts, const std::string& tenant) {
+absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddResponse(const std::string& tenant, uint64_t bytes) {
+  const auto reservation = std::make_shared<Reservation>(*this, response_bytes_, tenant);
+  const std::lock_guard lock(mutex_);
+  const uint64_t taken = CountOf(response_bytes_, tenant);
+  const bool has_room = Sum(response_bytes_) + bytes <= 2 * options_.max_response_bytes;
+  const uint64_t max =
+      has_room ? options_.max_response_bytes : std::min(options_.max_response_bytes, kOwnResponseBytes);
+  if (taken != 0 && taken + bytes > max) {
+    options_.metrics->quota_refusals[QuotaLimit::kTenantResponses].Add();
+    return LimitReached(
+        v1::TENANT_QUOTA, "tenant_responses",
+        absl::StrCat("the response takes ", bytes,
+                     " bytes, and those that clients of this tenant have "
+                     "not read yet take ",
+                     taken, " of ", max, " bytes: read the responses of the other calls, or try again later"),
+        kRetryDelay);
+  }
+  reservation->Count(response_bytes_[tenant], bytes);
+  return reservation;
+}
+
+void TenantQuotas::Remove(Counts& counts, const std::string& tenant, uint64_t amount) {
   const std::lock_guard lock(mutex_);
   const auto found = counts.find(tenant);
-  if (--found->second == 0) counts.erase(found);
+  found->second -= amount;
+  if (found->second == 0) counts.erase(found);
 }
 
 std::shared_ptr<const void> TenantQuotas::AddHealthWatcher(const std::string& tenant) {
@@ -85,9 +121,7 @@ std::shared_ptr<const void> TenantQuotas::AddHealthWatcher(const std::string& te
 absl::Duration TenantQuotas::HealthPeriod(const std::string& tenant, absl::Duration period) const {
   if (options_.max_health_per_s == 0) return period;
   const std::lock_guard lock(mutex_);
-  const auto found = health_watchers_.find(tenant);
-  const uint32_t num_watchers = found == health_watchers_.end() ? 0 : found->second;
-  return std::max(period, absl::Seconds(num_watchers) / options_.max_health_per_s);
+  return std::max(period, absl::Seconds(CountOf(health_watchers_, tenant)) / options_.max_health_per_s);
 }
 
 absl::Duration TenantQuotas::ChargeBytes(const std::string& tenant, uint64_t bytes) {

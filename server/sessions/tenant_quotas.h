@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Quotas of a tenant besides those of sessions and models: streams, watchers, messages with health and payload bytes
-// per second. They are the same for all tenants. The limit of streams of the whole server is beside them, so that a
-// stream that is refused for the quota of its tenant does not count for it.
+// Quotas of a tenant besides those of sessions and models: streams, watchers, bytes of responses, messages with health
+// and payload bytes per second. They are the same for all tenants. The limit of streams of the whole server is beside
+// them, so that a stream that is refused for the quota of its tenant does not count for it.
 #pragma once
 
 #include <cstdint>
@@ -27,6 +27,8 @@ class TenantQuotas {
     uint32_t max_streams = 8192;  // Track and Watch streams
     uint32_t max_streams_of_server = 8192;
     uint32_t max_watchers = 4096;
+    // Bytes of the responses that their clients have not taken yet; all tenants together may have twice as many.
+    uint64_t max_response_bytes = 64u << 20;
     uint32_t max_health_per_s = 0;  // messages to all watchers of health of a tenant; 0: no limit
     uint64_t max_bytes_per_s = 0;   // sum over all Track streams of a tenant; 0: no limit
     // Bytes that may arrive at once after a pause; at least one chunk, so that a chunk never waits for itself.
@@ -40,6 +42,11 @@ class TenantQuotas {
   // (TENANT_QUOTA, and for a stream TOO_MANY_STREAMS beyond the limit of the server).
   absl::StatusOr<std::shared_ptr<const void>> AddStream(const std::string& tenant);
   absl::StatusOr<std::shared_ptr<const void>> AddWatcher(const std::string& tenant);
+
+  // Counts the memory of a response of the tenant until the result is destroyed. A tenant without another response is
+  // never refused, and one with few bytes only for its own limit, so that the tenants that do not read their responses
+  // exclude no other one. Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA).
+  absl::StatusOr<std::shared_ptr<const void>> AddResponse(const std::string& tenant, uint64_t bytes);
 
   // Counts a watcher of health of the tenant until the result is destroyed, in addition to AddWatcher().
   std::shared_ptr<const void> AddHealthWatcher(const std::string& tenant);
@@ -56,7 +63,7 @@ class TenantQuotas {
     double bytes = 0.0;  // bytes that may arrive now; negative: excess to be waited for
     absl::Time filled_at;
   };
-  using Counts = std::map<std::string, uint32_t>;  // by tenant, no zeros
+  using Counts = std::map<std::string, uint64_t>;  // by tenant, no zeros
   struct CountLimit {
     uint32_t max = 0;
     uint32_t max_of_server = 0;  // sum over all tenants
@@ -64,11 +71,11 @@ class TenantQuotas {
     const char* subject;
     const char* name;
   };
-  // Holds one unit of a quota of the tenant from Count() until it is destroyed. It is made before the count, because an
-  // allocation that fails after it would leave the count too high.
+  // Holds a part of a quota of the tenant, by default one unit, from Count() until it is destroyed. It is made before
+  // the count, because an allocation that fails after it would leave the count too high.
   class Reservation;
   absl::StatusOr<std::shared_ptr<const void>> Add(Counts& counts, const std::string& tenant, const CountLimit& limit);
-  void Remove(Counts& counts, const std::string& tenant);
+  void Remove(Counts& counts, const std::string& tenant, uint64_t amount);
   double BytesAt(const Bucket& bucket, absl::Time now) const;
 
   const Options options_;
@@ -76,6 +83,7 @@ class TenantQuotas {
   Counts streams_ ABSL_GUARDED_BY(mutex_);
   Counts watchers_ ABSL_GUARDED_BY(mutex_);
   Counts health_watchers_ ABSL_GUARDED_BY(mutex_);
+  Counts response_bytes_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, Bucket> buckets_ ABSL_GUARDED_BY(mutex_);  // tenants that have sent bytes
 };
 

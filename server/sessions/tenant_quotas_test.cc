@@ -69,6 +69,36 @@ TEST_F(TenantQuotasTest, StreamsOfTheServer) {
   EXPECT_TRUE(quotas.AddStream("hall").ok());
 }
 
+TEST_F(TenantQuotasTest, BytesOfResponses) {
+  TenantQuotas::Options options = Options();
+  options.max_response_bytes = 100u << 20;
+  TenantQuotas quotas(options);
+  const auto large = quotas.AddResponse("lab", 200u << 20);
+  ASSERT_TRUE(large.ok()) << "the only response of a tenant is never refused";
+  const absl::Status full = quotas.AddResponse("lab", 1).status();
+  EXPECT_EQ(full.code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(GetErrorDetails(full).reason, "TENANT_QUOTA");
+  EXPECT_EQ(GetErrorDetails(full).quota_subject, "tenant_responses");
+  EXPECT_GT(GetErrorDetails(full).retry_after, absl::ZeroDuration());
+  EXPECT_EQ(options.metrics->quota_refusals[QuotaLimit::kTenantResponses].value(), 1u);
+}
+
+TEST_F(TenantQuotasTest, ResponsesOfOtherTenantsLeaveRoomForSmallOnes) {
+  TenantQuotas::Options options = Options();
+  options.max_response_bytes = 100u << 20;
+  TenantQuotas quotas(options);
+  auto of_lab = quotas.AddResponse("lab", 100u << 20);
+  auto of_field = quotas.AddResponse("field", 99u << 20);
+  ASSERT_TRUE(of_lab.ok() && of_field.ok());
+  const auto small = quotas.AddResponse("hall", 1u << 20);
+  const auto second = quotas.AddResponse("hall", 1u << 20);
+  EXPECT_TRUE(small.ok() && second.ok());
+  EXPECT_FALSE(quotas.AddResponse("hall", 10u << 20).ok()) << "the server has no more";
+  of_lab->reset();
+  EXPECT_TRUE(quotas.AddResponse("hall", 10u << 20).ok());
+  EXPECT_FALSE(quotas.AddResponse("field", 2u << 20).ok()) << "the tenant has no more";
+}
+
 // Whichever allocation fails, the call ends, and nothing stays counted.
 TEST_F(TenantQuotasTest, WithoutMemoryNothingIsCounted) {
   TenantQuotas quotas(Options());

@@ -133,6 +133,7 @@ enum class QuotaLimit {
   kTenantStreams,
   kMaxUploads,
   kTenantUploads,
+  kTenantResponses,
 };
 
 // Reasons for which a call was rejected with UNAUTHENTICATED, or an open stream ended with it.
@@ -177,7 +178,7 @@ struct ServerMetrics {
   OneFor<CommitPart, 3> commit_bytes;  // of the commits that are durable
 
   OneFor<StreamKind, 2, OneFor<absl::StatusCode, 17>> stream_ends;
-  OneFor<QuotaLimit, 11> quota_refusals;
+  OneFor<QuotaLimit, 12> quota_refusals;
   OneFor<AuthenticationFailure, 3> authentication_failures;
   Counter quota_delays;  // times that a stream was paused because its tenant exceeded its byte rate
 

@@ -37,7 +37,7 @@ constexpr std::array kCommitParts = {"checkpoint", "poses", "lifecycle"};
 constexpr std::array kQuotaLimits = {"max_sessions",    "max_streams",           "max_model_store_bytes",
                                      "tenant_sessions", "tenant_model_bytes",    "tenant_watchers",
                                      "session_memory",  "tenant_session_memory", "tenant_streams",
-                                     "max_uploads",     "tenant_uploads"};
+                                     "max_uploads",     "tenant_uploads",        "tenant_responses"};
 constexpr std::array kConnectionRefusals = {"max_connections", "max_connections_per_peer", "descriptors"};
 constexpr std::array kStreamKinds = {"track", "watch"};
 constexpr int kNumStatusCodes = 17;

@@ -156,7 +156,8 @@ class CounterSeries {
                                                          {QuotaLimit::kTenantSessionMemory, "tenant_session_memory"},
                                                          {QuotaLimit::kTenantStreams, "tenant_streams"},
                                                          {QuotaLimit::kMaxUploads, "max_uploads"},
-                                                         {QuotaLimit::kTenantUploads, "tenant_uploads"}};
+                                                         {QuotaLimit::kTenantUploads, "tenant_uploads"},
+                                                         {QuotaLimit::kTenantResponses, "tenant_responses"}};
     for (const auto& [limit, name] : limits) {
       Count(metrics_.quota_refusals[limit], absl::StrCat("evpose_quota_refusals_total{limit=\"", name, "\"}"));
     }

@@ -7,7 +7,7 @@ import unittest
 import server
 
 DURATIONS = ["--attach-timeout", "--session-expiry", "--shutdown-notice", "--shutdown-timeout", "--stream-idle-timeout",
-             "--upload-timeout", "--listener-timeout", "--model-cpu-seconds"]
+             "--upload-timeout", "--response-timeout", "--listener-timeout", "--model-cpu-seconds"]
 
 
 class OptionTest(server.AdversaryTest):

@@ -205,6 +205,7 @@ class StepwiseServer : private server::Drainer {
                                         .attach_timeout = absl::Hours(1),
                                         .stream_idle_timeout = absl::ZeroDuration(),
                                         .upload_timeout = absl::Hours(1),
+                                        .response_timeout = absl::Hours(1),
                                         .max_model_bytes = 0,
                                         .drain_timeout = absl::ZeroDuration(),
                                         .metrics = *metrics_,

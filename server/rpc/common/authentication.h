@@ -14,6 +14,8 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/string_view.h"
 #include "server/auth/authenticator.h"
+#include "server/rpc/common/pending_response.h"
+#include "server/rpc/common/service_context.h"
 #include "server/rpc/common/status_mapping.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/runtime/worker_pool.h"
@@ -36,57 +38,78 @@ absl::Status StillAdmitted(Authenticator& authenticator, const grpc::ServerConte
 // client may also send a header with the trace ID of its own program. Malformed headers are ignored.
 StreamOrigin OriginOf(const grpc::ServerContextBase& context, const std::string& peer, absl::string_view session);
 
-// Authenticates a unary call and finishes it immediately with the absl::Status that `handler(caller)` returns.
-template <typename Handler>
-grpc::ServerUnaryReactor* FinishUnary(Authenticator& authenticator, grpc::CallbackServerContext* context,
-                                      const Handler& handler) {
-  const absl::StatusOr<Caller> caller = Authenticate(authenticator, *context);
-  grpc::ServerUnaryReactor* reactor = context->DefaultReactor();
-  reactor->Finish(
-      ToGrpcStatus(caller.ok() ? OrOutOfMemory([&] { return absl::Status(handler(*caller)); }) : caller.status()));
-  return reactor;
-}
-
-// The reactor of a unary call whose work is slow. The work ends early when the client cancels the call. Deletes itself
-// when the call has ended.
-class SlowCallReactor : public grpc::ServerUnaryReactor {
+// The reactor of a unary call. The work ends early when the client cancels the call. Deletes itself when the call has
+// ended.
+class UnaryReactor : public grpc::ServerUnaryReactor {
  public:
+  UnaryReactor(const ResponseLimits& limits, grpc::CallbackServerContext& context, google::protobuf::Message& response)
+      : response_(response), pending_(std::make_shared<PendingResponse>(limits, context)) {}
+
   void OnCancel() override { cancellation_->Cancel(); }
-  void OnDone() override { delete this; }
+  void OnDone() override {
+    pending_->End();
+    delete this;
+  }
   const std::shared_ptr<Cancellation>& cancellation() const { return cancellation_; }
 
+  // Finishes the call without a response.
+  void Refuse(const absl::Status& status) { Finish(ToGrpcStatus(status)); }
+  // Finishes the call of a tenant. If `status` is OK, the response is complete; it counts for the tenant until the
+  // client has taken it.
+  void Answer(const std::string& tenant, absl::Status status) {
+    if (status.ok()) status = OrOutOfMemory([&] { return pending_->Begin(tenant, response_); });
+    Finish(ToGrpcStatus(status));
+  }
+
  private:
+  google::protobuf::Message& response_;
+  const std::shared_ptr<PendingResponse> pending_;
   const std::shared_ptr<Cancellation> cancellation_ = std::make_shared<Cancellation>();
 };
+
+// Authenticates a unary call and finishes it immediately with `response` and the absl::Status that `handler(caller)`
+// returns.
+template <typename Handler>
+grpc::ServerUnaryReactor* FinishUnary(const ServiceContext& services, grpc::CallbackServerContext* context,
+                                      google::protobuf::Message* response, const Handler& handler) {
+  auto* const reactor = new UnaryReactor(LimitsOf(services), *context, *response);
+  const absl::StatusOr<Caller> caller = Authenticate(services.authenticator, *context);
+  if (!caller.ok()) {
+    reactor->Refuse(caller.status());
+  } else {
+    reactor->Answer(caller->tenant, OrOutOfMemory([&] { return absl::Status(handler(*caller)); }));
+  }
+  return reactor;
+}
 
 // Runs `handler()`, which finishes the call, on the pool's threads for slow work, because it may wait for the store and
 // must block neither gRPC's threads nor the workers. A call that was cancelled before its turn, that the shutdown ends,
 // or for which there is no memory, is finished without it.
 template <typename Handler>
-void PostCall(WorkerPool& pool, const std::string& tenant, SlowCallReactor* reactor, Handler handler) {
+void PostCall(WorkerPool& pool, const std::string& tenant, UnaryReactor* reactor, Handler handler) {
   const absl::Status posted = pool.slow().TryPost(
       tenant,
       [reactor, handler = std::move(handler)](const absl::Status& admitted) {
-        if (!admitted.ok()) return reactor->Finish(ToGrpcStatus(admitted));
+        if (!admitted.ok()) return reactor->Refuse(admitted);
         handler();
       },
       reactor->cancellation());
-  if (!posted.ok()) reactor->Finish(ToGrpcStatus(posted));
+  if (!posted.ok()) reactor->Refuse(posted);
 }
 
 // Does the same as FinishUnary(), but runs `handler` with PostCall().
 template <typename Handler>
-grpc::ServerUnaryReactor* PostUnary(Authenticator& authenticator, WorkerPool& pool,
-                                    grpc::CallbackServerContext* context, Handler handler) {
-  absl::StatusOr<Caller> caller = Authenticate(authenticator, *context);
-  auto* const reactor = new SlowCallReactor;
+grpc::ServerUnaryReactor* PostUnary(const ServiceContext& services, grpc::CallbackServerContext* context,
+                                    google::protobuf::Message* response, Handler handler) {
+  absl::StatusOr<Caller> caller = Authenticate(services.authenticator, *context);
+  auto* const reactor = new UnaryReactor(LimitsOf(services), *context, *response);
   if (!caller.ok()) {
-    reactor->Finish(ToGrpcStatus(caller.status()));
+    reactor->Refuse(caller.status());
     return reactor;
   }
   const std::string tenant = caller->tenant;
-  PostCall(pool, tenant, reactor, [reactor, handler = std::move(handler), caller = *std::move(caller)] {
-    reactor->Finish(ToGrpcStatus(OrOutOfMemory([&] { return absl::Status(handler(caller)); })));
+  PostCall(services.pool, tenant, reactor, [reactor, handler = std::move(handler), caller = *std::move(caller)] {
+    reactor->Answer(caller.tenant, OrOutOfMemory([&] { return absl::Status(handler(caller)); }));
   });
   return reactor;
 }

@@ -6,6 +6,7 @@
 #include "absl/time/time.h"
 #include "server/auth/authenticator.h"
 #include "server/models/model_registry.h"
+#include "server/rpc/common/pending_response.h"
 #include "server/rpc/common/stream_registry.h"
 #include "server/runtime/worker_pool.h"
 #include "server/sessions/session_manager.h"
@@ -36,11 +37,14 @@ struct ServiceContext {
   absl::Duration attach_timeout;
   absl::Duration stream_idle_timeout;  // zero: none
   absl::Duration upload_timeout;
+  absl::Duration response_timeout;
   uint64_t max_model_bytes;
   bool shows_events;
   absl::Duration drain_timeout;  // default of DrainRequest.timeout
   ServerMetrics& metrics;
   LogLimiter& log_limiter;
 };
+
+inline ResponseLimits LimitsOf(const ServiceContext& services) { return {services.quotas, services.response_timeout}; }
 
 }  // namespace evpose::server
