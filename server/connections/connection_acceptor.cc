@@ -8,7 +8,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <utility>
 
 #include "absl/cleanup/cleanup.h"
@@ -29,8 +28,6 @@ constexpr uint32_t kMaxDefaultConnections = 4096;
 // Connections leave this many descriptors, or a quarter if that is less, to the rest of the process, so that its pages
 // and its store keep working.
 constexpr rlim_t kReservedDescriptors = 64;
-constexpr int kConnectionsPerTurn = 64;  // between them, the thread looks at the other listeners and at its timers
-constexpr std::chrono::milliseconds kPause(100);  // until accept() is tried again after an error
 // Short against all timeouts of connections, and seldom enough to cost nothing.
 constexpr std::chrono::seconds kMaintenancePeriod(1);
 // Time between two lines of the log about refused connections, because a flood has many of them.
@@ -82,9 +79,9 @@ absl::StatusOr<std::unique_ptr<ConnectionAcceptor>> ConnectionAcceptor::Listen(c
 
 void ConnectionAcceptor::Start(std::function<void(int)> hand_over) {
   hand_over_ = std::move(hand_over);
-  for (tcp::acceptor& acceptor : acceptors_) Await(acceptor);
+  accept_loop_.Start(acceptors_);
   RepeatMaintenance();
-  accepting_ = std::thread([this] { Run(); });
+  accepting_ = std::thread([this] { accept_loop_.Run(); });
   checking_ = std::thread([this] { CheckListener(); });
 }
 
@@ -106,53 +103,6 @@ absl::Status ConnectionAcceptor::status() const {
   }
   if (state_ == ListenerCheck::State::kAccepts) return absl::OkStatus();
   return absl::UnavailableError("the server does not accept its own connections");
-}
-
-void ConnectionAcceptor::Run() {
-  for (bool has_ended = false; !has_ended;) {
-    RunUnlessOutOfMemory([this, &has_ended] {
-      context_.run();
-      has_ended = true;
-    });
-  }
-}
-
-void ConnectionAcceptor::Await(tcp::acceptor& acceptor) {
-  acceptor.async_wait(tcp::acceptor::wait_read, [this, &acceptor](const boost::system::error_code& error) {
-    if (error) return;
-    bool is_paused = true;
-    RunUnlessOutOfMemory([&] { is_paused = !AcceptWaiting(acceptor); });
-    if (!is_paused) return Await(acceptor);
-    // Without memory for the pause, the wait follows at once; Asio reuses the memory of this handler for it.
-    RunUnlessOutOfMemory([&] {
-      AwaitAfterPause(acceptor);
-      is_paused = false;
-    });
-    if (is_paused) Await(acceptor);
-  });
-}
-
-void ConnectionAcceptor::AwaitAfterPause(tcp::acceptor& acceptor) {
-  const auto pause = std::make_shared<boost::asio::steady_timer>(context_, kPause);
-  pause->async_wait([this, &acceptor, pause](const boost::system::error_code&) { Await(acceptor); });
-}
-
-bool ConnectionAcceptor::AcceptWaiting(tcp::acceptor& acceptor) {
-  for (int i = 0; i < kConnectionsPerTurn; ++i) {
-    tcp::endpoint peer;
-    auto length = static_cast<socklen_t>(peer.capacity());
-    const int descriptor = accept4(acceptor.native_handle(), peer.data(), &length, SOCK_NONBLOCK | SOCK_CLOEXEC);
-    if (descriptor >= 0) {
-      peer.resize(length);
-      Take(descriptor, peer);
-      continue;
-    }
-    if (errno == EAGAIN) break;
-    if (errno == EINTR || errno == ECONNABORTED) continue;
-    if (errno == EMFILE || errno == ENFILE) SetShortOfDescriptors(true);
-    return false;
-  }
-  return true;
 }
 
 void ConnectionAcceptor::Take(int descriptor, const tcp::endpoint& peer) {

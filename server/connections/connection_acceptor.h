@@ -22,6 +22,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
+#include "server/connections/accept_loop.h"
 #include "server/connections/connection_ledger.h"
 #include "server/connections/listen_address.h"
 #include "server/connections/listener_check.h"
@@ -63,12 +64,6 @@ class ConnectionAcceptor {
 
  private:
   explicit ConnectionAcceptor(Options options);
-  // A failed allocation ends its connection only.
-  void Run();
-  void Await(boost::asio::ip::tcp::acceptor& acceptor);
-  // Returns false after an error, after which accept() is tried again later.
-  bool AcceptWaiting(boost::asio::ip::tcp::acceptor& acceptor);
-  void AwaitAfterPause(boost::asio::ip::tcp::acceptor& acceptor);
   void Take(int descriptor, const boost::asio::ip::tcp::endpoint& peer);
   void SetShortOfDescriptors(bool is_short);
   void RepeatMaintenance();
@@ -78,6 +73,9 @@ class ConnectionAcceptor {
 
   const Options options_;
   boost::asio::io_context context_{1};
+  AcceptLoop accept_loop_{context_,
+                          {.take = [this](int descriptor, const auto& peer) { Take(descriptor, peer); },
+                           .on_no_descriptor = [this] { SetShortOfDescriptors(true); }}};
   std::vector<boost::asio::ip::tcp::acceptor> acceptors_;
   boost::asio::steady_timer maintenance_{context_};
   int port_ = 0;

@@ -4,11 +4,12 @@
 #pragma once
 
 #include <gtest/gtest.h>
+#include <poll.h>
+#include <sys/socket.h>
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/read.hpp>
 #include <boost/asio/write.hpp>
 #include <memory>
 #include <string>
@@ -33,11 +34,20 @@ class HttpConnection {
     boost::system::error_code ignored;
     boost::asio::write(socket_, boost::asio::buffer(bytes), ignored);
   }
+  // Reads until the server closes the connection.
   std::string ReadAll() {
+    constexpr int kPatienceMs = 60'000;
     std::string bytes;
-    boost::system::error_code ignored;
-    boost::asio::read(socket_, boost::asio::dynamic_buffer(bytes), ignored);
-    return bytes;
+    for (char piece[4096];;) {
+      pollfd waiting = {.fd = socket_.native_handle(), .events = POLLIN, .revents = 0};
+      if (poll(&waiting, 1, kPatienceMs) != 1) {
+        ADD_FAILURE() << "the server does not answer";
+        return bytes;
+      }
+      const ssize_t size = recv(socket_.native_handle(), piece, sizeof(piece), 0);
+      if (size <= 0) return bytes;
+      bytes.append(piece, static_cast<size_t>(size));
+    }
   }
 
  private:

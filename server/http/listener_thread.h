@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "server/connections/accept_loop.h"
 #include "server/connections/listen_address.h"
 
 namespace evpose::server {
@@ -31,12 +32,11 @@ class ListenerThread {
   void Stop();
 
  private:
-  void Run();
-  void Accept(boost::asio::ip::tcp::acceptor& acceptor);
-  void AcceptAfterPause(boost::asio::ip::tcp::acceptor& acceptor);
+  void Take(int descriptor, const boost::asio::ip::tcp::endpoint& peer);
 
   const std::function<void(Socket)> on_connection_;
   boost::asio::io_context context_{1};
+  AcceptLoop accept_loop_{context_, {.take = [this](int descriptor, const auto& peer) { Take(descriptor, peer); }}};
   std::vector<boost::asio::ip::tcp::acceptor> acceptors_;
   int port_ = 0;
   std::thread thread_;
