@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/base/yield_point.h"
 #include "server/runtime/out_of_memory.h"
 
 namespace evpose::server {
 namespace {
 
+constexpr size_t kPieceEvents = 4096;  // between two yield points: some 10 us for each size of cells
 constexpr double kLongestPeriodS = 365.0 * 24.0 * 3600.0;  // so that the sums with times are in range
 
 EventImages::Clock::duration Period(double seconds) {
@@ -107,16 +109,18 @@ void EventImages::UpdateCanvases(Time now) {
 }
 
 void EventImages::Add(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us, const Tracker& tracker) {
+  while (events.size() > kPieceEvents) {
+    const absl::Span<const Event> piece = events.first(kPieceEvents);
+    const int64_t piece_to_t_us = std::max(from_t_us, std::min(piece.back().t_us, to_t_us));
+    AddPiece(piece, from_t_us, piece_to_t_us);
+    from_t_us = piece_to_t_us;
+    events.remove_prefix(kPieceEvents);
+    YieldPoint();
+  }
+  AddPiece(events, from_t_us, to_t_us);
   const Time now = now_();
   const std::lock_guard lock(mutex_);
   if (readers_.empty()) return;
-  for (Canvas& canvas : canvases_) {
-    if (!canvas.from_t_us) canvas.from_t_us = from_t_us;
-    canvas.has_changed = canvas.has_changed || !events.empty() || to_t_us > canvas.to_t_us;
-    canvas.to_t_us = to_t_us;
-    canvas.num_events += events.size();
-    canvas.bitmap.Add(events);
-  }
   latest_.resize(num_objects_);
   has_pose_.resize(num_objects_);
   for (uint32_t i = 0; i < num_objects_; ++i) {
@@ -126,6 +130,17 @@ void EventImages::Add(absl::Span<const Event> events, int64_t from_t_us, int64_t
   outlines_.reset();
   MakeDueImages(now);
   SetTimer(now);
+}
+
+void EventImages::AddPiece(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us) {
+  const std::lock_guard lock(mutex_);
+  for (Canvas& canvas : canvases_) {
+    if (!canvas.from_t_us) canvas.from_t_us = from_t_us;
+    canvas.has_changed = canvas.has_changed || !events.empty() || to_t_us > canvas.to_t_us;
+    canvas.to_t_us = to_t_us;
+    canvas.num_events += events.size();
+    canvas.bitmap.Add(events);
+  }
 }
 
 void EventImages::Finish() {

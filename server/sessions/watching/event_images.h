@@ -80,8 +80,8 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
 
   // The next three functions are for the session. Add() and Finish() are called in its turns.
   bool is_watched() const { return num_readers() > 0; }
-  // Adds events that have been tracked. They have advanced the clock of the sensor from `from_t_us` to `to_t_us`;
-  // `tracker` is in the state after them.
+  // Adds events that have been tracked; it has yield points. They have advanced the clock of the sensor from
+  // `from_t_us` to `to_t_us`; `tracker` is in the state after them.
   void Add(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us, const Tracker& tracker);
   // To be called when no more events follow. All images that wait are then due.
   void Finish();
@@ -100,6 +100,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
     Time due;
   };
 
+  void AddPiece(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us);
   Clock::duration PeriodOf(const Reader& reader) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // To be called after each change of readers_: adds and removes canvases, and sets their periods.
   void UpdateCanvases(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

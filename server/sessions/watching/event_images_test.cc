@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/yields_testing.h"
 #include "server/runtime/failing_allocations_testing.h"
 
 namespace evpose::server {
@@ -127,6 +128,22 @@ TEST_F(EventImagesTest, AnImageHasTheEventsSinceTheOneBefore) {
   EXPECT_EQ(CellOf(second->image->bitmap(), 30, 5), 2);
   EXPECT_EQ(second->num_skipped, 0u);
   EXPECT_EQ(metrics_->event_images.value(), 2u);
+}
+
+// A slice of a session may have 400,000 events.
+TEST_F(EventImagesTest, ManyEventsAreAddedInPiecesBetweenYieldPoints) {
+  std::vector<Event> events;
+  for (int i = 0; i < 100'000; ++i) events.push_back({i, static_cast<uint16_t>(i % 101), 7, 1});
+  const auto add = [&] { images_->Add(events, 0, 100'000, tracker_); };
+  EXPECT_EQ(CountYields(add), 24u);
+  const auto reader = images_->Open(1, 25.0, listener_);
+  add();
+  const auto taken = reader->Take();
+  ASSERT_TRUE(taken.has_value());
+  EXPECT_EQ(taken->image->num_events(), events.size());
+  EXPECT_EQ(taken->image->from_t_us(), 0);
+  EXPECT_EQ(taken->image->to_t_us(), 100'000);
+  for (int x = 0; x < 101; ++x) EXPECT_EQ(CellOf(taken->image->bitmap(), x, 7), 1) << x;
 }
 
 TEST_F(EventImagesTest, ASlowReaderReceivesTheEventsOfAllImagesThatItMissed) {
