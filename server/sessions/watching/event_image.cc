@@ -57,10 +57,12 @@ void EventImage::Append(const EventImage& next) {
   outlines_ = next.outlines_;
 }
 
-std::shared_ptr<EventImage> EventImage::Join(const EventImage& first, const EventImage& next) {
-  auto joined =
+std::shared_ptr<const EventImage> EventImage::Join(absl::Span<const std::shared_ptr<const EventImage>> parts) {
+  if (parts.size() == 1) return parts.front();
+  const EventImage& first = *parts.front();
+  const auto joined =
       std::make_shared<EventImage>(first.from_t_us_, first.to_t_us_, first.num_events_, first.bitmap_, first.outlines_);
-  joined->Append(next);
+  for (const auto& part : parts.subspan(1)) joined->Append(*part);
   return joined;
 }
 

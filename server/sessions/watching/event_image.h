@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
+#include "absl/types/span.h"
 #include "core/events/event_bitmap.h"
 #include "core/geometry/camera.h"
 #include "core/tracking/object/object_outline.h"
@@ -63,14 +64,15 @@ class EventImage {
   // Returns the cells, compressed if that makes them smaller. The first call compresses them.
   const EncodedCells& cells() const;
 
-  // The next two are to be called before the image is shared.
+  // To be called before the image is shared.
   void SwapBitmap(EventBitmap& bitmap) { std::swap(bitmap_, bitmap); }
-  // Adds the events of the following image, and takes its outlines.
-  void Append(const EventImage& next);
-  // Returns an image with the events of both. `next` follows `first`.
-  static std::shared_ptr<EventImage> Join(const EventImage& first, const EventImage& next);
+  // Returns an image with the events of all `parts`, at least one, which follow each other, and with the outlines of
+  // the last one.
+  static std::shared_ptr<const EventImage> Join(absl::Span<const std::shared_ptr<const EventImage>> parts);
 
  private:
+  void Append(const EventImage& next);
+
   int64_t from_t_us_;
   int64_t to_t_us_;
   uint64_t num_events_;

@@ -2,6 +2,7 @@
 #include "server/sessions/watching/event_images.h"
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "core/base/yield_point.h"
@@ -23,11 +24,21 @@ EventImages::Clock::duration Period(double seconds) {
 EventImages::Reader::~Reader() { images_->Close(this); }
 
 std::optional<EventImages::Reader::Taken> EventImages::Reader::Take() {
+  {
+    const std::lock_guard lock(images_->mutex_);
+    if (!is_ready_) return std::nullopt;
+  }
+  const std::lock_guard taking(images_->taking_mutex_);
+  std::optional<Taken> taken;
+  const absl::Status status = OrOutOfMemory([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+    taken = images_->Take(*this);
+    return absl::OkStatus();
+  });
+  if (status.ok()) return taken;
+  // While images follow, the next one has these events.
   const std::lock_guard lock(images_->mutex_);
-  if (!is_ready_) return std::nullopt;
-  is_ready_ = is_own_ = false;
-  images_->metrics_->event_images.Add();
-  return Taken{std::exchange(image_, nullptr), num_skipped_};
+  if (images_->has_finished_) failure_.Update(status);
+  return std::nullopt;
 }
 
 absl::Status EventImages::Reader::status() const {
@@ -58,7 +69,9 @@ std::unique_ptr<EventImages::Reader> EventImages::Open(int cell_px, double max_r
   readers_.push_back(reader.get());
   UpdateCanvases(now);
   // The reader is due at the same times as the others, so that they share the images.
-  reader->due_ = Find(cell_px)->due;
+  const Canvas& canvas = *Find(cell_px);
+  reader->due_ = canvas.due;
+  reader->next_ = canvas.next_number;
   // The timer may have been set for a slower reader.
   timer_.reset();
   SetTimer(now);
@@ -70,6 +83,7 @@ void EventImages::Close(const Reader* reader) {
   const Time now = now_();
   const std::lock_guard lock(mutex_);
   std::erase(readers_, reader);
+  if (Canvas* const canvas = Find(reader->cell_px_); canvas != nullptr) RemoveTaken(*canvas);
   num_readers_ = static_cast<uint32_t>(readers_.size());
   UpdateCanvases(now);
   if (!readers_.empty()) return;
@@ -128,7 +142,7 @@ void EventImages::Add(absl::Span<const Event> events, int64_t from_t_us, int64_t
     has_pose_[i] = tracker.Outline(i, latest_[i].object);
   }
   outlines_.reset();
-  MakeDueImages(now);
+  MarkDueImages(now);
   SetTimer(now);
 }
 
@@ -144,70 +158,128 @@ void EventImages::AddPiece(absl::Span<const Event> events, int64_t from_t_us, in
 }
 
 void EventImages::Finish() {
-  const Time now = now_();
   const std::lock_guard lock(mutex_);
+  has_finished_ = true;
   for (Canvas& canvas : canvases_) {
-    if (!canvas.has_changed) continue;
-    const absl::Status made = TryToMakeImage(canvas, now);
+    canvas.is_image_due = canvas.is_image_due || canvas.has_changed;
+    canvas.has_changed = false;
     for (Reader* reader : readers_) {
-      if (reader->cell_px_ == canvas.bitmap.cell_px()) reader->failure_.Update(made);
+      if (reader->cell_px_ != canvas.bitmap.cell_px()) continue;
+      reader->is_ready_ = canvas.is_image_due || reader->next_ < canvas.next_number;
     }
   }
-  for (Reader* reader : readers_) reader->is_ready_ = reader->image_ != nullptr;
   watchers_->Notify();
 }
 
-void EventImages::MakeDueImages(Time now) {
+void EventImages::MarkDueImages(Time now) {
   for (Canvas& canvas : canvases_) {
     if (!canvas.has_changed || now < canvas.due) continue;
-    if (TryToMakeImage(canvas, now).ok()) watchers_->Notify();
+    canvas.has_changed = false;
+    canvas.is_image_due = true;
+    // A late image delays the next one by half a period at least, and does not change the mean rate.
+    canvas.due = std::max(canvas.due + canvas.period, now + canvas.period / 2);
+    MarkReaders(canvas, now);
+    watchers_->Notify();
   }
 }
 
-absl::Status EventImages::TryToMakeImage(Canvas& canvas, Time now) {
-  return OrOutOfMemory([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
-    MakeImage(canvas, now);
-    return absl::OkStatus();
-  });
+void EventImages::MarkReaders(const Canvas& canvas, Time now) {
+  for (Reader* reader : readers_) {
+    if (reader->cell_px_ != canvas.bitmap.cell_px()) continue;
+    // A reader with a lower rate takes the image whose time is nearest to its own.
+    if (now + canvas.period / 2 < reader->due_) continue;
+    if (reader->is_ready_) {
+      ++reader->num_skipped_;
+      metrics_->skipped_event_images.Add();
+    }
+    reader->is_ready_ = true;
+    const Clock::duration period = PeriodOf(*reader);
+    reader->due_ = std::max(reader->due_ + period, now + period / 2);
+  }
 }
 
-void EventImages::MakeImage(Canvas& canvas, Time now) {
-  // A late image delays the next one by half a period at least, and does not change the mean rate.
-  canvas.due = std::max(canvas.due + canvas.period, now + canvas.period / 2);
-  auto image = std::make_shared<EventImage>(*canvas.from_t_us, canvas.to_t_us, canvas.num_events,
-                                            EventBitmap(canvas.bitmap.sensor(), canvas.bitmap.cell_px()), Outlines());
-  image->SwapBitmap(canvas.bitmap);  // after the allocations: if one fails, the next image has these events
+EventImages::Reader::Taken EventImages::Take(Reader& reader) {
+  MakeImage(reader.cell_px_);
+  Reader::Taken taken = {EventImage::Join(ImagesFor(reader))};
+  {
+    const std::lock_guard lock(mutex_);
+    Canvas& canvas = *Find(reader.cell_px_);
+    reader.is_ready_ = false;
+    reader.next_ = canvas.next_number;
+    taken.num_skipped = reader.num_skipped_;
+    RemoveTaken(canvas);
+  }
+  metrics_->event_images.Add();
+  RunUnlessOutOfMemory([this, &reader]() ABSL_NO_THREAD_SAFETY_ANALYSIS { JoinImages(reader.cell_px_); });
+  return taken;
+}
+
+void EventImages::MakeImage(int cell_px) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!Find(cell_px)->is_image_due) return;
+  }
+  EventBitmap empty({camera_.width_px, camera_.height_px}, cell_px);
+  const std::lock_guard lock(mutex_);
+  Canvas& canvas = *Find(cell_px);
+  canvas.images.reserve(canvas.images.size() + 1);
+  auto image =
+      std::make_shared<EventImage>(*canvas.from_t_us, canvas.to_t_us, canvas.num_events, std::move(empty), Outlines());
+  // Nothing is allocated from here on: if an allocation fails, the canvas has its events still.
+  image->SwapBitmap(canvas.bitmap);
+  canvas.images.push_back({canvas.next_number, std::move(image)});
+  ++canvas.next_number;
   canvas.from_t_us = canvas.to_t_us;
   canvas.num_events = 0;
-  canvas.has_changed = false;
-  for (Reader* reader : readers_) {
-    if (reader->cell_px_ != image->bitmap().cell_px()) continue;
-    reader->failure_.Update(OrOutOfMemory([&]() ABSL_NO_THREAD_SAFETY_ANALYSIS {
-      Give(image, canvas, now, *reader);
-      return absl::OkStatus();
-    }));
+  canvas.has_changed = canvas.is_image_due = false;
+}
+
+std::vector<std::shared_ptr<const EventImage>> EventImages::ImagesFor(const Reader& reader) {
+  const std::lock_guard lock(mutex_);
+  std::vector<std::shared_ptr<const EventImage>> images;
+  for (const NumberedImage& made : Find(reader.cell_px_)->images) {
+    if (made.number >= reader.next_) images.push_back(made.image);
+  }
+  return images;
+}
+
+void EventImages::JoinImages(int cell_px) {
+  while (true) {
+    std::vector<std::shared_ptr<const EventImage>> parts;
+    {
+      const std::lock_guard lock(mutex_);
+      Canvas& canvas = *Find(cell_px);
+      const auto first = FindJoinable(canvas);
+      if (first == canvas.images.end()) return;
+      parts = {first->image, std::next(first)->image};
+    }
+    const std::shared_ptr<const EventImage> joined = EventImage::Join(parts);
+    const std::lock_guard lock(mutex_);
+    Canvas& canvas = *Find(cell_px);
+    // A reader that has been closed meanwhile may have been the last one that waited for them.
+    const auto first = std::find_if(canvas.images.begin(), canvas.images.end(),
+                                    [&parts](const NumberedImage& made) { return made.image == parts.front(); });
+    if (first == canvas.images.end()) continue;
+    first->image = joined;
+    canvas.images.erase(std::next(first));
   }
 }
 
-void EventImages::Give(const std::shared_ptr<EventImage>& image, const Canvas& canvas, Time now, Reader& reader) {
-  // A reader with a lower rate takes the image whose time is nearest to its own.
-  const bool is_due = now + canvas.period / 2 >= reader.due_;
-  if (reader.image_ == nullptr) {
-    reader.image_ = image;
-  } else if (reader.is_own_) {
-    reader.image_->Append(*image);
-  } else {
-    reader.image_ = EventImage::Join(*reader.image_, *image);
-    reader.is_own_ = true;
+std::vector<EventImages::NumberedImage>::iterator EventImages::FindJoinable(Canvas& canvas) {
+  return std::adjacent_find(canvas.images.begin(), canvas.images.end(),
+                            [&](const NumberedImage&, const NumberedImage& next) {
+                              return std::none_of(readers_.begin(), readers_.end(), [&](const Reader* reader) {
+                                return reader->cell_px_ == canvas.bitmap.cell_px() && reader->next_ == next.number;
+                              });
+                            });
+}
+
+void EventImages::RemoveTaken(Canvas& canvas) {
+  uint64_t first = canvas.next_number;
+  for (const Reader* reader : readers_) {
+    if (reader->cell_px_ == canvas.bitmap.cell_px()) first = std::min(first, reader->next_);
   }
-  if (!is_due) return;
-  if (reader.is_ready_) {
-    ++reader.num_skipped_;
-    metrics_->skipped_event_images.Add();
-  }
-  reader.is_ready_ = true;
-  const Clock::duration period = PeriodOf(reader);
-  reader.due_ = std::max(reader.due_ + period, now + period / 2);
+  std::erase_if(canvas.images, [first](const NumberedImage& made) { return made.number < first; });
 }
 
 void EventImages::SetTimer(Time now) {
@@ -226,7 +298,7 @@ void EventImages::OnTimer() {
   const Time now = now_();
   const std::lock_guard lock(mutex_);
   timer_.reset();
-  MakeDueImages(now);
+  MarkDueImages(now);
   SetTimer(now);
 }
 

@@ -35,7 +35,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   using Time = Clock::time_point;
 
   // Images of a session per second, to all its watchers together. With more watchers each receives fewer: this bounds
-  // the time for which they hold up the session. Enough for 16 with the highest rate, and for 32 with the default.
+  // the time that their images take. Enough for 16 with the highest rate, and for 32 with the default.
   static constexpr double kMaxImagesPerS = 960.0;
   static constexpr double kMaxRateHz = 60.0;  // of one watcher: displays show no more
 
@@ -51,11 +51,10 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
       std::shared_ptr<const EventImage> image;
       uint64_t num_skipped = 0;  // EventImage.num_skipped of the API
     };
-    // Returns the newest image; nullopt until one is due. An image that is not taken before the next one is due is
-    // joined with it and counts as skipped.
+    // Returns an image with the events since the last one; nullopt until one is due, and without memory for it. An
+    // image that is not taken before the next one is due counts as skipped. Takes milliseconds.
     std::optional<Taken> Take();
-    // Returns RESOURCE_EXHAUSTED (OUT_OF_MEMORY) if events are missing, because there was no memory to join their
-    // images.
+    // Returns RESOURCE_EXHAUSTED (OUT_OF_MEMORY) if events are missing, because there was no memory for the last image.
     absl::Status status() const;
 
    private:
@@ -67,9 +66,8 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
     int cell_px_ = 0;
     Clock::duration period_{};
     Time due_;
-    std::shared_ptr<EventImage> image_;  // null: no events since the last one
-    bool is_own_ = false;                // no other reader has image_
-    bool is_ready_ = false;              // image_ is due
+    uint64_t next_ = 0;      // number of the first image that it has not taken
+    bool is_ready_ = false;  // an image is due
     absl::Status failure_;
     uint64_t num_skipped_ = 0;
   };
@@ -89,15 +87,22 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   void Notify() { watchers_->Notify(); }
 
  private:
-  // The events since the last image, in cells of one size.
+  struct NumberedImage {
+    uint64_t number = 0;
+    std::shared_ptr<const EventImage> image;
+  };
+  // The events since the last image, in cells of one size, and the images that some of the readers have not taken.
   struct Canvas {
     EventBitmap bitmap;
     std::optional<int64_t> from_t_us;  // absent before the first events
     int64_t to_t_us = 0;
     uint64_t num_events = 0;
-    bool has_changed = false;
-    Clock::duration period{};  // of the fastest reader
+    bool has_changed = false;   // since an image was last due
+    bool is_image_due = false;  // the next reader that takes an image makes it
+    Clock::duration period{};   // of the fastest reader
     Time due;
+    uint64_t next_number = 0;
+    std::vector<NumberedImage> images;  // the oldest first; each begins where some reader goes on
   };
 
   void AddPiece(absl::Span<const Event> events, int64_t from_t_us, int64_t to_t_us);
@@ -106,14 +111,23 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   void UpdateCanvases(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Canvas* Find(int cell_px) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Close(const Reader* reader);
-  // Makes the images of all canvases that are due, and gives them to their readers.
-  void MakeDueImages(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Error: OUT_OF_MEMORY. The canvas then keeps its events. If there is no memory for one reader, only that reader
-  // fails.
-  absl::Status TryToMakeImage(Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void MakeImage(Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void Give(const std::shared_ptr<EventImage>& image, const Canvas& canvas, Time now, Reader& reader)
-      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Tells the readers of the canvases that are due to take an image. Makes and joins none, because turns and the timer
+  // call it.
+  void MarkDueImages(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void MarkReaders(const Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  // The next four are for Reader::Take(). They make and join images without mutex_, which turns take.
+  Reader::Taken Take(Reader& reader) ABSL_EXCLUSIVE_LOCKS_REQUIRED(taking_mutex_);
+  // Makes an image of the canvas if one is due that no reader has made yet. Without memory the canvas keeps its events.
+  void MakeImage(int cell_px) ABSL_EXCLUSIVE_LOCKS_REQUIRED(taking_mutex_);
+  std::vector<std::shared_ptr<const EventImage>> ImagesFor(const Reader& reader);
+  // Joins the images of the canvas where no reader goes on between them, so that there are at most as many as readers,
+  // and each is joined once, however many readers wait.
+  void JoinImages(int cell_px) ABSL_EXCLUSIVE_LOCKS_REQUIRED(taking_mutex_);
+  // The first of two such images; images.end(): there are none.
+  std::vector<NumberedImage>::iterator FindJoinable(Canvas& canvas) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void RemoveTaken(Canvas& canvas) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
   // Sets the timer so that waiting events become an image in time, even if no further events arrive.
   void SetTimer(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void OnTimer();
@@ -126,7 +140,9 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   const std::shared_ptr<ServerMetrics> metrics_;
   const std::shared_ptr<Watchers> watchers_;
   std::atomic<uint32_t> num_readers_ = 0;
+  std::mutex taking_mutex_;  // of the reader that takes an image; is taken before mutex_
   mutable std::mutex mutex_;
+  bool has_finished_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<Reader*> readers_ ABSL_GUARDED_BY(mutex_);
   std::vector<Canvas> canvases_ ABSL_GUARDED_BY(mutex_);                  // one for each size of cells that has readers
   std::vector<SessionOutlines::Outline> latest_ ABSL_GUARDED_BY(mutex_);  // of all objects, so that memory is reused
