@@ -40,14 +40,14 @@
 #include "server/stores/open_store.h"
 #include "server/telemetry/log.h"
 #include "server/telemetry/process_usage.h"
+#include "server/telemetry/session_log.h"
 
 namespace evpose::server {
 namespace {
 
 // Time for calls in progress; main() calls Shutdown() earlier, with the timeout of the drain.
 constexpr absl::Duration kDestructorDeadline = absl::Seconds(1);
-// Time after the deadline for sending the last status of a stream, and for calls in progress, such as the loading of an
-// uploaded model.
+// Time after the deadline for the last status of a stream, and for calls in progress, such as an upload.
 constexpr absl::Duration kCallGrace = absl::Milliseconds(500);
 // Upper bound of the size of the other fields of a message with a chunk.
 constexpr uint32_t kMessageOverheadBytes = 64 * 1024;
@@ -60,8 +60,7 @@ constexpr int kKeepaliveMs = 20'000;
 // A connection that has not completed TLS and the beginning of HTTP/2 is closed after this time. A handshake needs a
 // few round trips; connections that only occupy a descriptor end soon.
 constexpr int kHandshakeTimeoutMs = 20'000;
-// A connection without calls is closed after this time, so that idle ones do not use up the limit of connections; gRPC
-// clients reconnect automatically.
+// A connection without calls is closed after this time and leaves its place to others; gRPC clients reconnect.
 constexpr int kMaxConnectionIdleMs = 300'000;
 
 int NumWorkers(const ServerOptions& options) {
@@ -127,7 +126,8 @@ SessionManager::Options ManagerOptions(const ServerOptions& options, TrackerFact
                      .pose_log_capacity = options.pose_log_capacity,
                      .pose_log_bytes = options.pose_log_bytes,
                      .expiry = options.session_expiry,
-                     .writes_checkpoints = store.outlives_process()},
+                     .writes_checkpoints = store.outlives_process(),
+                     .log_limiter = SessionLog::MakeLimiter()},
           .make_tracker = std::move(make_tracker),
           .shares_store = store.is_shared(),
           .load = &load,

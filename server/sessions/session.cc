@@ -41,7 +41,7 @@ StreamGate::Options GateOptions(const SessionConfig& config, const SessionLimits
 
 Session::Session(SessionParts parts, WorkerPool& pool)
     : memory_charge_(std::move(parts.memory_charge)),
-      log_(std::make_shared<SessionLog>(std::move(parts.name), parts.tenant)),
+      log_(std::make_shared<SessionLog>(std::move(parts.name), parts.tenant, parts.limits.log_limiter)),
       config_(std::move(parts.config)),
       limits_(parts.limits),
       create_time_(parts.create_time),

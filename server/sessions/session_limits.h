@@ -5,9 +5,11 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 
 #include "absl/time/time.h"
 #include "server/sessions/durability/session_committer.h"
+#include "server/telemetry/log_limiter.h"
 
 namespace evpose::server {
 
@@ -21,6 +23,7 @@ struct SessionLimits {
   // False for stores that end with the process: processed data then count as persisted, and nothing is written.
   bool writes_checkpoints = true;
   SessionCommitter::Backoff backoff;
+  std::shared_ptr<LogLimiter> log_limiter;  // SessionLog::MakeLimiter(); null: all lines of the log are written
 };
 
 // Number of poses by which a stream's reader may lag before the session waits for it (kBlock) or drops events

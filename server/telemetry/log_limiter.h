@@ -18,7 +18,7 @@
 
 namespace evpose::server {
 
-// A token bucket for each event and peer. Thread-safe.
+// A token bucket for each event and peer, or event and tenant. Thread-safe.
 class LogLimiter {
  public:
   struct Options {
@@ -31,7 +31,8 @@ class LogLimiter {
   explicit LogLimiter(Options options) : options_(std::move(options)) {}
 
   // Returns nullopt if a line must not be written, else the number of lines that were suppressed since the last one.
-  // `peer`: the address of a client; ports are not distinguished, because each connection has another one.
+  // `peer`: the address of a client, whose ports are not distinguished, because each connection has another one; or a
+  // tenant.
   std::optional<uint64_t> Admit(absl::string_view event, absl::string_view peer);
 
  private:

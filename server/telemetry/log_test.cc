@@ -130,6 +130,39 @@ TEST(SessionLogTest, EachLineNamesSessionTenantPeerAndTrace) {
             absl::StrCat("warning session_drained", Place("peer:3", "c3"), " poses=7 durable=false\n"));
 }
 
+// A client can attach and detach in a loop.
+TEST(SessionLogTest, LinesOfATenantAreLimited) {
+  captured_log.Take();
+  const auto limiter = std::make_shared<LogLimiter>(
+      LogLimiter::Options{.lines_per_s = 1.0, .burst_lines = 2.0, .now = [] { return absl::UnixEpoch(); }});
+  const auto num_lines = [](absl::string_view text) { return std::count(text.begin(), text.end(), '\n'); };
+  SessionLog first("sessions/1", "lab", limiter), second("sessions/2", "lab", limiter),
+      other("sessions/3", "a", limiter);
+  for (int i = 0; i < 10; ++i) {
+    first.ObjectLost("cube", i);
+    second.ObjectLost("cube", i);
+  }
+  EXPECT_EQ(num_lines(captured_log.Take()), 2);
+  other.ObjectLost("cube", 1);
+  EXPECT_EQ(num_lines(captured_log.Take()), 1) << "another tenant";
+  first.ObjectFound("cube", 1, true);
+  EXPECT_EQ(num_lines(captured_log.Take()), 1) << "another event";
+  for (int i = 0; i < 10; ++i) first.NotResumed(absl::InternalError("bad"));
+  EXPECT_EQ(num_lines(captured_log.Take()), 10) << "errors are not limited";
+}
+
+TEST(SessionLogTest, ALineCountsTheSuppressedOnes) {
+  absl::Time now = absl::UnixEpoch();
+  const auto limiter = std::make_shared<LogLimiter>(
+      LogLimiter::Options{.lines_per_s = 1.0, .burst_lines = 1.0, .now = [&now] { return now; }});
+  const SessionLog log("sessions/1", "lab", limiter);
+  for (int i = 0; i < 4; ++i) log.ObjectLost("cube", i);
+  EXPECT_THAT(captured_log.Take(), testing::Not(HasSubstr("suppressed")));
+  now += absl::Seconds(1);
+  log.ObjectLost("cube", 9);
+  EXPECT_THAT(captured_log.Take(), HasSubstr("sensor_time_us=9 suppressed=3\n"));
+}
+
 // The store's lines are those of the stream that attached last.
 TEST(SessionLogTest, LinesAboutTheStoreNameTheStream) {
   captured_log.Take();

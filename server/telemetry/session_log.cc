@@ -50,8 +50,19 @@ StreamOrigin SessionLog::last_stream() const {
   return last_stream_;
 }
 
+std::shared_ptr<LogLimiter> SessionLog::MakeLimiter() {
+  // Beyond the burst, 20 events with 400 bytes each fill less than 60 MB in an hour.
+  return std::make_shared<LogLimiter>(
+      LogLimiter::Options{.lines_per_s = 2.0, .burst_lines = 1000.0, .max_buckets = 4096});
+}
+
 void SessionLog::Write(LogLevel level, const char* event, const StreamOrigin& origin,
                        std::vector<LogField> more) const {
+  if (limiter_ != nullptr && (level == LogLevel::kInfo || level == LogLevel::kWarning)) {
+    const std::optional<uint64_t> suppressed = limiter_->Admit(event, tenant_);
+    if (!suppressed.has_value()) return;
+    if (*suppressed > 0) more.emplace_back("suppressed", *suppressed);
+  }
   std::vector<LogField> fields = {
       {"session", session_}, {"tenant", tenant_}, {"peer", origin.peer}, {"trace_id", trace_id_}};
   if (!origin.span_id.empty()) fields.emplace_back("span_id", origin.span_id);

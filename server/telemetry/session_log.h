@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <mutex>
 #include <string>
 #include <string_view>
@@ -42,8 +43,17 @@ struct SessionSums {
 // the peer and the span ID of the stream that attached last. Thread-safe.
 class SessionLog {
  public:
-  SessionLog(std::string session, std::string tenant)
-      : session_(std::move(session)), tenant_(std::move(tenant)), trace_id_(TraceIdOf(session_)) {}
+  // Without a limiter all lines are written.
+  SessionLog(std::string session, std::string tenant, std::shared_ptr<LogLimiter> limiter = nullptr)
+      : session_(std::move(session)),
+        tenant_(std::move(tenant)),
+        trace_id_(TraceIdOf(session_)),
+        limiter_(std::move(limiter)) {}
+
+  // Makes the limiter of all sessions of a server. A tenant can cause any number of most of these lines, for example by
+  // attaching again and again. At each event it has enough for the sessions of a large server at once; errors have no
+  // limit.
+  static std::shared_ptr<LogLimiter> MakeLimiter();
 
   const std::string& session() const { return session_; }
   const std::string& trace_id() const { return trace_id_; }
@@ -99,7 +109,8 @@ class SessionLog {
 
  private:
   StreamOrigin last_stream() const;
-  // The fields of the session; `origin.span_id` may be empty.
+  // Adds the fields of the session, and writes the line unless the limiter suppresses it. `origin.span_id` may be
+  // empty.
   void Write(LogLevel level, const char* event, const StreamOrigin& origin, std::vector<LogField> more) const;
   void WriteEnd(LogLevel level, const char* event, const StreamOrigin& origin, const char* cause,
                 const SessionSums& sums, std::vector<LogField> more) const;
@@ -107,6 +118,7 @@ class SessionLog {
   const std::string session_;
   const std::string tenant_;
   const std::string trace_id_;
+  const std::shared_ptr<LogLimiter> limiter_;
   mutable std::mutex mutex_;
   StreamOrigin last_stream_ ABSL_GUARDED_BY(mutex_);
 };

@@ -34,6 +34,23 @@ class NameTest(server.AdversaryTest):
             self.assertEqual(stream.failure().reason, "SESSION_NOT_FOUND")
         self.assertLess(len(running.log()) - before, 300 * 100)
 
+    def test_the_log_of_sessions_is_bounded(self):
+        """A client that attaches again and again to its session, and one that creates and deletes sessions."""
+        running = self.serve()
+        api = client(self, running)
+        model = api.upload(CUBE).name
+        created = api.create(model)
+        for _ in range(3000):
+            stream, _ = api.attach(created)
+            stream.cancel()
+        for _ in range(2000):
+            api("DeleteSession", name=api.create(model).session.name)
+        log = running.log()
+        for event, count in (("stream_ended", 3000), ("session_created", 2000), ("session_deleted", 2000)):
+            with self.subTest(event):
+                self.assertGreater(log.count(event), 0)
+                self.assertLess(log.count(event), 0.8 * count)
+
     def test_object_ids_have_no_control_characters(self):
         api = client(self, self.serve())
         model = api.upload(CUBE).name
