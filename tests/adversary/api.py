@@ -17,7 +17,7 @@ import server
 
 FLAT64 = 5
 EVT3 = 1
-OBJ = 1
+OBJ, MESH = 1, 4
 VGA = {"width_px": 640, "height_px": 480, "fx_px": 600, "fy_px": 600, "cx_px": 320, "cy_px": 240}
 LARGEST = {"width_px": 4096, "height_px": 4096, "fx_px": 3000, "fy_px": 3000, "cx_px": 2048, "cy_px": 2048}
 
@@ -25,7 +25,7 @@ LARGEST = {"width_px": 4096, "height_px": 4096, "fx_px": 3000, "fy_px": 3000, "c
 RATIONAL_LENS = {"lens_model": 2, "distortion": [0.1, -0.05, 0.0005, 0.0005, 0.01, 0.05, 0.01, 0.001]}
 FISHEYE_LENS = {"lens_model": 3, "distortion": [0.02, -0.005, 0.001, 0.0]}
 
-_PROTOS = ["evpose/v1/admin_service.proto", "evpose/v1/model_service.proto", "evpose/v1/session_service.proto",
+_PROTOS = ["evpose/v1/admin_service.proto", "evpose/v1/mesh.proto", "evpose/v1/model_service.proto", "evpose/v1/session_service.proto",
            "google/rpc/error_details.proto", "google/rpc/status.proto", "grpc/health/v1/health.proto"]
 _files = descriptor_pb2.FileDescriptorSet.FromString(subprocess.run(
     ["protoc", "-I", ".", "--include_imports", "--descriptor_set_out=/dev/stdout", *_PROTOS],

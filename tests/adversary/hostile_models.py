@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model files (OBJ) that are small and slow to prepare, expensive to track, or malformed; and a harmless one."""
+"""Model files (OBJ, Mesh) that are small and slow to prepare, expensive to track, or malformed; and a harmless one of each format."""
 
 import numpy
+
+from api import message_type
 
 CUBE = (
     "".join(f"v {x} {y} {z}\n" for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1))
@@ -89,6 +91,32 @@ def blob(rings):
     return (_rows("v", vertices) + _rows("f", faces)).encode()
 
 
+def mesh(**more):
+    """A cube as the message Mesh, with more fields or with other values of its own."""
+    positions = [coordinate for line in CUBE.decode().splitlines() if line[0] == "v" for coordinate in map(float, line[2:].split())]
+    corners = [[int(word) - 1 for word in line[2:].split()] for line in CUBE.decode().splitlines() if line[0] == "f"]
+    triangles = [index for a, b, c, d in corners for index in (a, b, c, a, c, d)]
+    return message_type("evpose.v1.Mesh")(**{"positions": positions, "triangles": triangles, **more}).SerializeToString()
+
+
+# Meshes that must be refused with INVALID_ARGUMENT.
+MALFORMED_MESHES = {
+    "empty": b"",
+    "no message": bytes(1000),
+    "cut": mesh()[:-1],
+    "corner beyond the last": mesh(triangles=[0, 1, 8]),
+    "corner 2^32 - 1": mesh(triangles=[0, 1, 2**32 - 1]),
+    "two corners": mesh(triangles=[0, 1]),
+    "two coordinates": mesh(positions=[0.0, 0.0]),
+    "not a number": mesh(positions=[float("nan")] * 24),
+    "infinite": mesh(positions=[float("inf")] * 24),
+    "corners without normals": mesh(corner_normals=[1] * 36),
+    "line beyond the last point": mesh(lines=[0, 2**32 - 1]),
+    "edges without faces": mesh(edges=[{"curve": 1, "points": [0, 1]}]),
+    "faces without normals": mesh(faces=[{"shape": 5}] * 6, triangle_faces=[i // 2 for i in range(12)]),
+    "300000 edges without points": mesh(edges=[{}] * 300_000),
+    "300000 faces": mesh(faces=[{"shape": 5}] * 300_000),
+}
 # Files that must be refused with INVALID_ARGUMENT, whatever else they cost.
 MALFORMED = {
     "empty": b"",

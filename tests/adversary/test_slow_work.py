@@ -9,8 +9,8 @@ import grpc
 import numpy
 
 import server
-from api import client, failure_of, refusal
-from hostile_models import CUBE, MALFORMED, grid, prism, tangle
+from api import MESH, client, failure_of, refusal
+from hostile_models import CUBE, MALFORMED, MALFORMED_MESHES, grid, mesh, prism, tangle
 
 
 def upload_cost(running, api, data, **header):
@@ -171,6 +171,13 @@ class BudgetTest(server.AdversaryTest):
                        {"size_bytes": len(CUBE) + 1}, {"size_bytes": 1 << 63}, {"sha256": bytes(32)}):
             with self.subTest(str(header)):
                 self.assertEqual(refusal(api.upload, CUBE, **header).code, "INVALID_ARGUMENT")
+
+    def test_malformed_meshes_are_refused(self):
+        api = client(self, self.serve())
+        self.assertEqual(api.upload(mesh(), format=MESH).num_faces, api.upload(CUBE).num_faces)
+        for name, data in MALFORMED_MESHES.items():
+            with self.subTest(name):
+                self.assertEqual(refusal(api.upload, data, format=MESH).code, "INVALID_ARGUMENT")
 
 
 class SharedStoreTest(server.AdversaryTest):
