@@ -80,6 +80,7 @@ struct WindowFit {
   double num_explained = 0.0;   // expected number of gated observations that the lines produced
   double num_background = 0.0;  // expected number of gated observations from the background
   double residual_rms_px = 0.0;
+  double gate_px = 0.0;  // the gate of the last pass; 0 for the published estimators
   // Share of the expected events that is missing, in [0, 1], for the estimated twist and including the counts of
   // earlier windows (core/estimation/README.md, section 4).
   double deficit_ratio = 0.0;

@@ -104,6 +104,7 @@ class MixtureEstimator : public WindowEstimator {
 
     window_.final_gate_px = density.gate_px;
     fit.state = state;
+    fit.gate_px = density.gate_px;
     fit.num_gated = totals.num_gated;
     fit.num_background = Background(input, density.gate_px);
     fit.num_explained = totals.weight;

@@ -209,6 +209,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     statistics.length_px += lines[k].length_px * input.duration_s;
   }
   AddExpectedEvents(camera, input, lines, fit.state.twist);
+  contrast_.Add(fit, 1.0 - input.duration_s * 1e6 / static_cast<double>(options_.memory_us));
   span_s_ += input.duration_s;
   recent_.span_s += input.duration_s;
 }
@@ -484,7 +485,7 @@ HealthResult TrackHealth::Evaluate(const TestThresholds& thresholds) {
   if (!has_excess) {
     result.kind = HasPower(sums.total, accepted_noise_ratio) ? Kind::kUnsupported : Kind::kOpen;
   } else if (has_lines && result.support_ratio >= options_.confirm_support_ratio) {
-    const bool is_doubtful = result.missing_sectors > options_.max_missing_sectors ||
+    const bool is_doubtful = IsAttractedByClutter() || result.missing_sectors > options_.max_missing_sectors ||
                              sums.displaced_length > options_.max_displaced_ratio * sums.testable_length;
     result.kind = is_doubtful ? Kind::kDoubtful : Kind::kSupported;
   } else if (has_lines && result.support_ratio >= thresholds.keep_support_ratio) {

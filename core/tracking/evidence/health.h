@@ -14,6 +14,7 @@
 #include "core/association/association.h"
 #include "core/estimation/estimator.h"
 #include "core/tracking/evidence/health_options.h"
+#include "core/tracking/evidence/line_contrast.h"
 #include "core/tracking/evidence/line_statistics.h"
 #include "core/tracking/evidence/near_probability.h"
 
@@ -94,11 +95,11 @@ class TrackHealth {
 
   static void VisitState(auto& archive, auto& self) {
     auto& [options, near_probability, min_events_per_px2, testable_information, statistics, memory, span_s, gated,
-           gate_px2_s, recent, had_few_events, sectors, window_sectors, window_lines, places, distance_px, half_cell_px,
-           is_nearest, line_of, curve_results] = self;
+           gate_px2_s, contrast, recent, had_few_events, sectors, window_sectors, window_lines, places, distance_px,
+           half_cell_px, is_nearest, line_of, curve_results] = self;
     for (auto& line : statistics) archive(line);
     for (auto& line : memory) archive(line);
-    archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), recent, had_few_events);
+    archive(Finite(span_s), Finite(gated), Finite(gate_px2_s), contrast, recent, had_few_events);
     for (auto& sector : sectors) archive(sector);
   }
 
@@ -201,6 +202,10 @@ class TrackHealth {
   // Whether `noise` background events explain `gated` events.
   bool IsExplained(double gated, double noise) const;
   // Background events in the gates since the last test result, as far as they are accepted as an explanation.
+  // Whether the events are spread about the lines and beside them, as of edges that the estimate follows in part.
+  bool IsAttractedByClutter() const {
+    return contrast_.SpreadPx() > options_.wide_spread_px && contrast_.Ratio() < options_.min_contrast;
+  }
   double Noise() const;
   // right_excess without the share of the background events, as far as these are accepted (AcceptedNoiseRatio()).
   static double RightExcess(const LineStatistics& line, double accepted_noise_ratio);
@@ -218,6 +223,7 @@ class TrackHealth {
   double span_s_ = 0.0;
   double gated_ = 0.0;
   double gate_px2_s_ = 0.0;  // area of the union of the gates times time
+  LineContrast contrast_;
   Recent recent_;
   bool had_few_events_ = false;  // the last test result was kFewEvents
   std::array<Sector, kNumOutlineSectors> sectors_;
