@@ -20,7 +20,6 @@ namespace {
 
 using testing::DetectionScore;
 using testing::EventsUntil;
-using testing::Median;
 using testing::ObjectRecording;
 using testing::RecordObject;
 using testing::Score;

@@ -102,7 +102,6 @@ class MixtureEstimator : public WindowEstimator {
     state.covariance = CovarianceInverse(hessian);
     fit.systematic_covariance = SystematicCovariance(prior_information, input, density.sigma_px, state);
 
-    window_.final_gate_px = density.gate_px;
     fit.state = state;
     fit.gate_px = density.gate_px;
     fit.num_gated = totals.num_gated;
@@ -134,7 +133,7 @@ class MixtureEstimator : public WindowEstimator {
     for (const MixtureLine& line : window_.sums) {
       window_.counts.push_back(line.Counts(input.sampling.events_per_observation));
     }
-    learned_.clutter.Learn(input.lines, window_.lines, window_.line_counts, window_.final_gate_px);
+    learned_.clutter.Learn(input.lines, window_.lines, window_.line_counts, fit.gate_px);
     learned_.edge_bias.Learn(input.lines, window_.lines, window_.counts, input.duration_s);
   }
 
@@ -166,8 +165,7 @@ class MixtureEstimator : public WindowEstimator {
   struct FittedWindow {
     // Background events of the window that are attributed to a line, per pixel of its length.
     double noise_per_px = 0.0;
-    double final_gate_px = 0.0;  // gate of the last pass
-    double moved_px = 0.0;       // by which the lines moved since all of them were projected
+    double moved_px = 0.0;  // by which the lines moved since all of them were projected
     std::vector<ImageLine> lines;
     std::vector<MixtureLine> sums;
     std::vector<HalfOffsets> offsets;  // of the edge bias
