@@ -155,7 +155,7 @@ class EarlierStoreTest : public StoredSessionsTest, public ::testing::WithParamI
   TemporaryDirectory directory_;
   std::string log_;
 };
-constexpr const char* kVersions[] = {"v1", "v2", "v3", "v4", "v5", "v6"};
+constexpr const char* kVersions[] = {"v1", "v2", "v3", "v4", "v5", "v6", "v7"};
 INSTANTIATE_TEST_SUITE_P(Versions, EarlierStoreTest, ::testing::ValuesIn(kVersions));
 
 TEST(EarlierStoresTest, EachIsRead) {
