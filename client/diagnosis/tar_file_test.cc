@@ -111,9 +111,9 @@ TEST_F(TarFileTest, HostileMembers) {
        {"/etc/passwd", "../a.txt\0\0\0\0", "folder/../..", "./a", "folder//a.txt", "a b", "a\nb", ""}) {
     std::string field(name);
     field.resize(100, '\0');
-    EXPECT_THAT(Error(WithField(bytes, 0, field)), HasSubstr("no plain path")) << name;
+    EXPECT_THAT(Error(WithField(bytes, 0, field)), HasSubstr("not a plain path")) << name;
   }
-  EXPECT_THAT(Error(WithField(bytes, 345, "prefix")), HasSubstr("no plain path"));
+  EXPECT_THAT(Error(WithField(bytes, 345, "prefix")), HasSubstr("not a plain path"));
   for (const char* type : {"1", "2", "3", "6", "L", "x", "S"}) {
     EXPECT_THAT(Error(WithField(bytes, 156, type)), HasSubstr("is a link or another special member")) << type;
   }
