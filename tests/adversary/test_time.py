@@ -11,9 +11,8 @@ import unittest
 
 import grpc
 
-import http2
 import server
-from api import EVT3, METHODS, client, failure_of
+from api import EVT3, client, failure_of
 from camera import Camera, assert_same_poses, assert_undisturbed, camera_model, chunks, create, initial_pose, recording
 from hostile_models import CUBE, blob, tangle
 
@@ -100,26 +99,6 @@ class FairTimeTest(server.AdversaryTest):
         runs = self.runs_beside_two(mallory, mallory.upload(blob(100)).name, is_pose_given=False)
         self.assertEqual({run.digest for run in runs}, {alone.digest})
         self.check_turns("a search and a curved model")
-
-    def test_beside_readers_of_images_that_do_not_read(self):
-        """They have a window of 0 bytes, so that none of their images is ever sent."""
-        num_readers = 200
-        mallory = client(self, self.running, "mallory")
-        camera = {**camera_model(), "width_px": 2048, "height_px": 1536}
-        created = mallory.create(mallory.upload(CUBE).name, encoding=EVT3, camera=camera, pose=initial_pose())
-        stream, _ = mallory.attach(created)
-        method = METHODS["WatchEvents"]
-        request = method.request(session=created.session.name, cell_px=1, max_rate_hz=60.0).SerializeToString()
-        watches = [http2.unary_call(2 * i + 1, method.path, request, server.token("mallory")) for i in range(num_readers)]
-        with http2.open_connection(self.running, http2.window(0) + b"".join(watches)):
-            server.poll(lambda: self.running.metric("evpose_event_image_watchers") == num_readers, "readers of images")
-            for seq, (_, payload) in enumerate(chunks() * 5, 1):
-                stream.send(events={"seq": seq, "payload": payload})
-            runs = Camera(self.running, "alice").runs()
-            self.assertGreater(self.running.metric("evpose_event_images_skipped_total"), num_readers)
-        assert_same_poses(self, self.alone, runs)
-        stream.cancel()
-        self.check_turns("readers of images that do not read")
 
     def runs_beside_two(self, mallory, model, is_pose_given=True):
         """Tracks the recording beside two sessions of mallory with up to 16 objects of the model each."""
