@@ -40,11 +40,11 @@ struct HealthOptions {
   // Share of the excess that is expected at the right pose below which the events as a whole do not support a pose,
   // however significant the excess is: uniform clutter is never exactly uniform.
   double min_excess_ratio = 0.2;
-  // A pose is doubtful if its events are spread by more than the noise of the sensor (SensorProfile::pixel_noise_px, 0.8)
-  // and an error of 0.3 px, and are less than min_contrast times as dense on the lines as beside them (line_contrast.h;
-  // README, section 1). Validated on recordings of real objects, right and wrong ones.
+  // A pose is doubtful if its events are spread by more than the noise of the sensor (SensorProfile::pixel_noise_px,
+  // 0.8) and an error of 0.3 px, and are less than min_contrast times as dense on the lines as beside them
+  // (line_contrast.h; README, section 1). Validated on recordings of real objects, right and wrong ones.
   double wide_spread_px = 0.85;
-  double min_contrast = 50.0;
+  double min_contrast = 30.0;
   // Gated events that a test result requires: with fewer, single events decide about a line. More would delay all
   // results.
   int min_events = 150;
