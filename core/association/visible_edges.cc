@@ -70,6 +70,15 @@ double SineOfViewChange(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return a.dot(b) > 0.0 ? a.cross(b).norm() / (a.norm() * b.norm()) : 1.0;
 }
 
+// Whether, between two poses, the direction from the centre of the object to the camera centre has changed by more than
+// `change_rad` in the object frame, or the distance by more than this ratio.
+bool HasEyeMoved(const Eigen::Vector3d& centre, const RigidTransform& from, const RigidTransform& to, double change_rad,
+                 double distance_ratio) {
+  const Eigen::Vector3d now = to.Inverse().translation_m - centre;
+  const Eigen::Vector3d then = from.Inverse().translation_m - centre;
+  return SineOfViewChange(now, then) > change_rad || std::abs(now.norm() - then.norm()) > distance_ratio * then.norm();
+}
+
 }  // namespace
 
 ModelEdges::ModelEdges(const ObjectModel& model, const VisibilityOptions& visibility,
@@ -191,10 +200,7 @@ bool VisibleEdges::ViewChanged(const RigidTransform& camera_from_object) const {
   if (!computed_at_) return true;
   const double change_rad = edges_.elements().has_curves() || edges_.has_many_lines() ? kChangeOfManyRad : kChangeRad;
   if (was_whole_ && IsWholeInImage(camera_from_object)) {
-    const Eigen::Vector3d now = camera_from_object.Inverse().translation_m - edges_.centre();
-    const Eigen::Vector3d then = computed_at_->Inverse().translation_m - edges_.centre();
-    return SineOfViewChange(now, then) > change_rad ||
-           std::abs(now.norm() - then.norm()) > kChangeOfDistance * then.norm();
+    return HasEyeMoved(edges_.centre(), *computed_at_, camera_from_object, change_rad, kChangeOfDistance);
   }
   const Vector6d change = Difference(camera_from_object, *computed_at_);
   const double depth_m = camera_from_object.translation_m.norm();
@@ -223,13 +229,10 @@ bool VisibleEdges::IsWholeInImage(const RigidTransform& camera_from_object) cons
 bool VisibleEdges::ElementsChanged(const RigidTransform& camera_from_object, int level) {
   if (!extracted_at_ || level != level_) return true;
   if (Difference(camera_from_object, *extracted_at_).tail<3>().norm() > kElementChangeRad) return true;
-  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
-  const Eigen::Vector3d now = eye - edges_.centre();
-  const Eigen::Vector3d then = extracted_at_->Inverse().translation_m - edges_.centre();
-  if (SineOfViewChange(now, then) > kElementChangeRad ||
-      std::abs(now.norm() - then.norm()) > kElementChangeOfDistance * then.norm()) {
+  if (HasEyeMoved(edges_.centre(), *extracted_at_, camera_from_object, kElementChangeRad, kElementChangeOfDistance)) {
     return true;
   }
+  const Eigen::Vector3d eye = camera_from_object.Inverse().translation_m;
   edges_.FacingPlanes(eye, camera_.MaxFocalPx(), facing_planes_now_);
   if (facing_planes_now_ != facing_planes_) return true;
   return std::any_of(elements_.begin(), elements_.end(), [&](const EdgeElement& element) {
