@@ -249,7 +249,7 @@ class TileGrid {
            column % kCellTiles;
   }
   const Tile& At(uint32_t tile) const { return (*cells_[tile / kTilesPerCell])[tile % kTilesPerCell]; }
-  // Gives a page to a cell to whose tiles no line has been added so far.
+  // Assigns a page to a cell. The cell must not have a page of its own.
   Page* UsePage(uint32_t cell);
   // Returns a tile to which a line is to be added.
   Tile& Touch(uint32_t tile);
@@ -263,7 +263,7 @@ class TileGrid {
   int cell_columns_ = 0;
   std::vector<Page*> cells_;  // no_lines_ for all cells without lines
   std::deque<Page> pages_;    // the first one is no_lines_; reused from one Build() to the next
-  Page* no_lines_;            // a page whose tiles never have lines
+  Page* no_lines_;            // the page that all cells without lines share; its tiles stay empty
   size_t num_pages_ = 1;      // pages in use
   std::vector<uint32_t> touched_;
   // Distances of the lines of the full tiles that a further line reached, for Replace().

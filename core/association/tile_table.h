@@ -15,9 +15,9 @@
 namespace evpose {
 
 // Memory: 4 bytes for each column and row of a camera without distortion, 4 bytes for each pixel of a camera with
-// distortion: half of what the bearings take, so that the lookup of the tiles of all events of a window, of which most
-// are not used further, misses the caches less often. The tiles of a camera with distortion and more than kMaxPixels
-// are computed from the bearings instead.
+// distortion. That is half of the memory of the bearings. The tile of every event of a window is looked up, and the
+// smaller table causes fewer cache misses. The tiles of a camera with distortion and more than kMaxPixels are computed
+// from the bearings instead.
 class TileTable {
  public:
   static constexpr size_t kMaxPixels = size_t{1} << 22;

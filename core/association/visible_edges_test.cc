@@ -73,7 +73,7 @@ TEST_F(VisibleEdgesTest, TheVisiblePartsFollowAMotionOutOfTheImage) {
     VisibleEdges fresh(camera_, edges_);
     const double expected_px = length_px(fresh.At(pose), pose);
     const double px = length_px(lines_.At(pose), pose);
-    // Nine lines, each of which the border cuts at most 2 px later.
+    // Up to nine lines cross the border of the image. The visible part of each is at most 2 px too long or too short.
     EXPECT_NEAR(px, expected_px, 9 * 2.5) << i;
     longest_px = std::max(longest_px, px);
     shortest_px = std::min(shortest_px, px);

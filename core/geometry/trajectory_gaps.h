@@ -19,8 +19,9 @@ int64_t LongestStepUs(const Trajectory& trajectory);
 // half a second, because an object may turn around meanwhile.
 int64_t LongestInterpolatedStepUs(const Trajectory& trajectory);
 
-// PoseNear() without `breaks`, but nullopt between a sample whose index is in `breaks` and the sample before, because
-// the object was lost there. `breaks` is in increasing order.
+// Returns the same as PoseNear() without `breaks`, except where the object was lost. `breaks` has the indices of the
+// samples before which it was lost, in increasing order: between such a sample and its predecessor the result is
+// nullopt.
 std::optional<RigidTransform> PoseNear(const Trajectory& trajectory, int64_t t_us, int64_t max_gap_us,
                                        absl::Span<const size_t> breaks);
 

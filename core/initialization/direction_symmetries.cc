@@ -27,7 +27,7 @@ double Deviation(absl::Span<const Eigen::Vector3d> directions, const Eigen::Matr
 }
 
 // Right-handed frame of unit vectors: first axis a, second axis in the plane of a and b. The function of the same name
-// in core/models/symmetry.cc normalises a, whose rounding would change the bits of poses here.
+// in core/models/symmetry.cc also normalises a. The rounding of that division would change the bits of poses here.
 Eigen::Matrix3d Frame(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   Eigen::Matrix3d frame;
   frame.col(0) = a;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// One mutex for each key, for work of which only one may run at a time for each object.
+// One mutex for each key. It serialises the work on the object that the key identifies.
 #pragma once
 
 #include <algorithm>

@@ -169,7 +169,7 @@ class SlowExecutor {
   void Dispatch() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Returns the queue with the earliest turn among those for which `has_item` is true.
   Queues::iterator FindNext(absl::FunctionRef<bool(Queue&)> has_item) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Returns the queue whose first overlapping item begins next.
+  // Returns the queue from which Dispatch() is to start an overlapping item, or the end of queues_.
   Queues::iterator FindNextOverlapping() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   static Items::iterator FirstOverlapping(Queue& queue);
   static bool Overlaps(const Item& item) { return item.overlap == Overlap::kAny; }

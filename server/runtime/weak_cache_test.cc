@@ -76,7 +76,7 @@ TEST_F(WeakCacheTest, ManyThreadsCreateTheValueOnce) {
         for (int turn = 0; turn < 20; ++turn) std::this_thread::yield();  // the others call Get() meanwhile
         return Made(std::make_shared<const std::string>("1"));
       });
-      all_have_it.arrive_and_wait();  // nobody releases the value before
+      all_have_it.arrive_and_wait();  // each thread keeps its reference until all threads have one
     });
   }
   for (std::thread& thread : threads) thread.join();

@@ -132,7 +132,7 @@ class TrackHealth {
     double variance = 0.0;  // variance of `observed`
 
     bool IsMissing(const HealthOptions& options) const;
-    // Adds gated events with this cell, of which `near` are near their line.
+    // Adds `gated` events that have this cell; `near` of them are near their line.
     void Add(double gated, double near, const CellTerms& cell);
     static void VisitState(auto& archive, auto& self) {
       auto& [expected, observed, variance] = self;
@@ -167,8 +167,8 @@ class TrackHealth {
     uint8_t polarity;
   };
   void AddEvent(const NearEvent& event, const CellTerms& cell, WindowLine& line, Sector& sector);
-  // Does so for a group whose events have no other candidate, neither a line nor another object: all of them have the
-  // whole gate as their cell.
+  // Adds the events of a group that have one candidate line, in a window without events of other objects. The cell of
+  // each of these events is the whole gate.
   void AddOwnEvents(const LineGroup& group, const GroupLine& line, const Place& place, const CellTerms& cell);
   // For each event that lies in the gates of several lines, finds the nearest of these lines and the width of its cell.
   void FindNearest(const LineEvents& events, absl::Span<const ImageLine> lines);

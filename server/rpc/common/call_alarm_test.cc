@@ -13,8 +13,8 @@
 namespace evpose::server {
 namespace {
 
-// A call whose alarm was lost would never end. Only the allocation of the alarm itself fails here: an exception within
-// gRPC would leave its state inconsistent.
+// Without an alarm, the call would never end. In this test only the allocation of the alarm fails, because an exception
+// within gRPC would leave the state of gRPC inconsistent.
 TEST(CallAlarmTest, AFailedAllocationIsReportedAndTheAlarmCanBeSetAgain) {
   PrepareForOutOfMemory();
   CallAlarm alarm;
