@@ -92,13 +92,11 @@ absl::StatusOr<std::shared_ptr<const void>> TenantQuotas::AddResponse(const std:
       has_room ? options_.max_response_bytes : std::min(options_.max_response_bytes, kOwnResponseBytes);
   if (taken != 0 && taken + bytes > max) {
     options_.metrics->quota_refusals[QuotaLimit::kTenantResponses].Add();
-    return LimitReached(
-        v1::TENANT_QUOTA, "tenant_responses",
-        absl::StrCat("the response takes ", bytes,
-                     " bytes, and those that clients of this tenant have "
-                     "not read yet take ",
-                     taken, " of ", max, " bytes: read the responses of the other calls, or try again later"),
-        kRetryDelay);
+    return LimitReached(v1::TENANT_QUOTA, "tenant_responses",
+                        absl::StrCat("the response takes ", bytes,
+                                     " bytes, and those that clients of this tenant have not read yet take ", taken,
+                                     " of ", max, " bytes: read the responses of the other calls, or try again later"),
+                        kRetryDelay);
   }
   reservation->Count(response_bytes_[tenant], bytes);
   return reservation;

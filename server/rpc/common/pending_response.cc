@@ -3,9 +3,6 @@
 
 #include <utility>
 
-#include "absl/time/clock.h"
-#include "core/base/status_macros.h"
-
 namespace evpose::server {
 namespace {
 
@@ -24,13 +21,10 @@ absl::Status PendingResponse::Begin(const std::string& tenant, google::protobuf:
     return reservation.status();
   }
   reservation_ = *std::move(reservation);
-  alarm_ = std::make_unique<grpc::Alarm>();
-  // A weak reference, because the alarm holds its function until it is destroyed.
-  alarm_->Set(absl::ToChronoTime(absl::Now() + limits_.timeout), [weak = weak_from_this()](bool has_fired) {
+  return alarm_.Set(limits_.timeout, [weak = weak_from_this()] {
     const auto self = weak.lock();
-    if (self != nullptr && has_fired) self->OnAlarm();
+    if (self != nullptr) self->OnAlarm();
   });
-  return absl::OkStatus();
 }
 
 void PendingResponse::OnAlarm() {
@@ -41,7 +35,7 @@ void PendingResponse::OnAlarm() {
 void PendingResponse::End() {
   const std::lock_guard lock(mutex_);
   context_ = nullptr;
-  alarm_.reset();
+  alarm_.Cancel();
   reservation_.reset();
 }
 

@@ -5,7 +5,6 @@
 #pragma once
 
 #include <google/protobuf/message.h>
-#include <grpcpp/alarm.h>
 #include <grpcpp/server_context.h>
 
 #include <memory>
@@ -15,6 +14,7 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "server/rpc/common/call_alarm.h"
 #include "server/sessions/tenant_quotas.h"
 
 namespace evpose::server {
@@ -31,8 +31,8 @@ class PendingResponse : public std::enable_shared_from_this<PendingResponse> {
       : limits_(limits), context_(&context) {}
 
   // Counts the bytes of the response for the tenant, and cancels the call if it has not ended in time. To be called at
-  // most once, before the call is finished with OK. Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA); the call is then to be
-  // finished with this error, and the message is empty.
+  // most once, before the call is finished with OK. Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA), the message is
+  // then empty; RESOURCE_EXHAUSTED (OUT_OF_MEMORY). The call is then to be finished with this error.
   absl::Status Begin(const std::string& tenant, google::protobuf::Message& response);
   // To be called in OnDone(): the response was sent, or the call was cancelled.
   void End();
@@ -43,7 +43,7 @@ class PendingResponse : public std::enable_shared_from_this<PendingResponse> {
   const ResponseLimits limits_;
   // Set by Begin(), which precedes the end of the call.
   std::shared_ptr<const void> reservation_;
-  std::unique_ptr<grpc::Alarm> alarm_;
+  CallAlarm alarm_;
   // gRPC may call OnDone() while TryCancel() runs, on the same thread.
   std::recursive_mutex mutex_;
   grpc::CallbackServerContext* context_ ABSL_GUARDED_BY(mutex_);  // null after End()
