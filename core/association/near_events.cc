@@ -64,6 +64,8 @@ EventSampling NearEvents::Find(const EventWindow& window, const TileGrid& grid, 
   const ByPolarity found = {static_cast<double>(division.near.size()) - num_on, num_on};
   const ByPolarity near_events = {found[0] * window.events_per_sample[0], found[1] * window.events_per_sample[1]};
   UpdateUsualEvents(near_events);
+  // As many as the sample may have, so that no allocation follows when a later window has more events.
+  events_.reserve(std::min(static_cast<size_t>(max_events), divided_.size()) + 1);
   const ByPolarity samples_per_observation =
       DownsampleByClass(static_cast<size_t>(max_events), SampleShares(found), division.near, is_on, events_);
   EventSampling sampling;
