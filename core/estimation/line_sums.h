@@ -36,7 +36,7 @@ class LineSums {
     const std::array<double, 18> all = SumsOf(lanes);
     const double ox = origin.x();
     const double oy = origin.y();
-    for (int n = 0; n < 3; ++n) {
+    for (size_t n = 0; n < 3; ++n) {
       const double* const sums = &all[6 * n];
       const double x = sums[3];
       const double y = sums[4];
