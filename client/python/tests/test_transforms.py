@@ -52,7 +52,7 @@ class TransformTest(unittest.TestCase):
                             ([0, 0, 0], [[0], [0, 1]], "quaternion_xyzw: is not an array of numbers")):
             self.assertIn(words, message_of(evpose.InvalidArgumentError, make, t, q))
         for matrix, words in ((np.eye(3), "shape (3, 3)"), (2 * np.eye(4), "not a rotation"), (np.diag([1, 1, -1, 1]), "reflection"),
-                              ([["a"]], "no array of numbers")):
+                              ([["a"]], "transform: is not an array of numbers")):
             self.assertIn(words, message_of(evpose.InvalidArgumentError, evpose.Transform.from_matrix, matrix))
 
     def test_a_wrong_transform_is_not_sent(self):
