@@ -27,6 +27,11 @@ constexpr int64_t kStepUs = 1000;
 
 using Events = absl::Span<const Event>;
 
+// `ratio`: of the number of starts that precede this one.
+int64_t StartUs(int64_t begin_us, int64_t end_us, double ratio) {
+  return begin_us + std::llround(kStartsShare * ratio * static_cast<double>(end_us - begin_us));
+}
+
 // Tracks an object in `events`, and sets the times and the losses of `run`. Returns the poses; nullopt if `goes_on`,
 // which is called with the finished share, returns false.
 absl::StatusOr<std::optional<std::vector<PoseEstimate>>> Track(const RealObject& object, const CameraModel& camera,
@@ -112,8 +117,7 @@ class RealBench {
     RealBenchRow row;
     row.recording = recording.name;
     for (int i = 0; i < options_.num_starts; ++i) {
-      const double share = kStartsShare * i / options_.num_starts;
-      const int64_t start_us = begin_us + std::llround(share * static_cast<double>(end_us - begin_us));
+      const int64_t start_us = StartUs(begin_us, end_us, static_cast<double>(i) / options_.num_starts);
       const int64_t stop_us =
           options_.max_duration_us > 0 ? std::min(end_us, start_us + options_.max_duration_us) : end_us;
       for (const bool is_given : {false, true}) {
@@ -148,6 +152,24 @@ class RealBench {
     return run;
   }
 
+  absl::StatusOr<ForeignBenchRow> SearchForeign(const RealRecording& recording, const RealObject& object, Events events,
+                                                int start) {
+    const double share = 1.0 / options_.num_absent_starts;
+    ForeignBenchRow row = {recording.name, object.name, {}};
+    row.run.start_us = StartUs(events.front().t_us, events.back().t_us, start * share);
+    row.run.duration_s = 1e-6 * static_cast<double>(events.back().t_us - row.run.start_us);
+    text_ =
+        absl::StrFormat("%s in %s, start %d of %d", object.name, recording.name, start + 1, options_.num_absent_starts);
+    const auto report = [&](double ratio) { return Report((start + ratio) * share); };
+    EVPOSE_ASSIGN_OR_RETURN(
+        const auto poses,
+        Track(object, recording.object < 0 ? object.camera : recording.camera, options_.tracker, std::nullopt,
+              EventsBetween(events, row.run.start_us, events.back().t_us + 1), report, row.run));
+    if (!poses) return absl::CancelledError("interrupted");
+    ScoreRealPoses(*poses, nullptr, nullptr, options_.bound_px, row.run);
+    return row;
+  }
+
   absl::Status RunForeign(const RealRecording& recording) {
     std::vector<Event> events;
     for (size_t i = 0; i < directory_.objects.size(); ++i) {
@@ -156,17 +178,10 @@ class RealBench {
       if (events.empty()) {
         EVPOSE_ASSIGN_OR_RETURN(events, ReadRealEvents(recording));
       }
-      ForeignBenchRow row = {recording.name, object.name, {}};
-      row.run.start_us = events.front().t_us;
-      row.run.duration_s = 1e-6 * static_cast<double>(events.back().t_us - events.front().t_us);
-      text_ = absl::StrCat(object.name, " in ", recording.name);
-      EVPOSE_ASSIGN_OR_RETURN(const auto poses,
-                              Track(
-                                  object, recording.object < 0 ? object.camera : recording.camera, options_.tracker,
-                                  std::nullopt, events, [this](double ratio) { return Report(ratio); }, row.run));
-      if (!poses) return absl::CancelledError("interrupted");
-      ScoreRealPoses(*poses, nullptr, nullptr, options_.bound_px, row.run);
-      if (listener_.on_foreign) listener_.on_foreign(row);
+      for (int start = 0; start < options_.num_absent_starts; ++start) {
+        EVPOSE_ASSIGN_OR_RETURN(const ForeignBenchRow row, SearchForeign(recording, object, events, start));
+        if (listener_.on_foreign) listener_.on_foreign(row);
+      }
       ++task_;
     }
     return absl::OkStatus();
@@ -197,6 +212,7 @@ double QuantileOf(const std::vector<RealRun>& runs, double RealRun::*member, dou
 absl::Status RealBenchOptions::Validate() const {
   if (directory.empty()) return absl::InvalidArgumentError("RealBenchOptions.directory must not be empty");
   EVPOSE_RETURN_IF_ERROR(CheckRange("RealBenchOptions.num_starts", num_starts, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("RealBenchOptions.num_absent_starts", num_absent_starts, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(
       CheckRange("RealBenchOptions.max_duration_us", static_cast<double>(max_duration_us), 0.0, 3.6e9));
   EVPOSE_RETURN_IF_ERROR(CheckRange("RealBenchOptions.bound_px", bound_px, 0.01, 1000.0));

@@ -21,6 +21,9 @@ struct RealBenchOptions {
   // [1, 1000] start times of each recording, evenly spread over its first three quarters, so that even the last run has
   // a quarter of the recording.
   int num_starts = 20;
+  // [1, 1000] start times of each search for an absent object, spread likewise; each goes on to the end of the
+  // recording. Whether an object that is similar to the model becomes TRACKING depends on the start time.
+  int num_absent_starts = 1;
   // Longest time of a run from a start, microseconds; 0: to the end of the reference. An object that is in view and
   // moves is found within a second, and 2 s show whether it is kept.
   int64_t max_duration_us = 2'000'000;
@@ -60,7 +63,7 @@ struct RealBenchRow {
   std::vector<RealRun> given;     // from the reference pose
 };
 
-// The search for an object in a whole recording of other things.
+// The search for an object in a recording of other things, from one start time to its end.
 struct ForeignBenchRow {
   std::string recording;
   std::string object;

@@ -209,7 +209,7 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     statistics.length_px += lines[k].length_px * input.duration_s;
   }
   AddExpectedEvents(camera, input, lines, fit.state.twist);
-  contrast_.Add(fit, 1.0 - input.duration_s * 1e6 / static_cast<double>(options_.memory_us));
+  contrast_.Add(fit, 1.0 - input.duration_s * 1e6 / static_cast<double>(options_.contrast_memory_us));
   span_s_ += input.duration_s;
   recent_.span_s += input.duration_s;
 }

@@ -16,6 +16,9 @@ absl::Status HealthOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("dispersion", dispersion, 1.0, 1000.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("max_noise_hz_per_px", max_noise_hz_per_px, 0.0, 1e6));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_excess_ratio", min_excess_ratio, 0.0, 1.0));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("wide_spread_px", wide_spread_px));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("min_contrast", min_contrast));
+  EVPOSE_RETURN_IF_ERROR(CheckPositive("contrast_memory_us", static_cast<double>(contrast_memory_us)));
   EVPOSE_RETURN_IF_ERROR(CheckRange("min_events", min_events, 1, 1'000'000));
   EVPOSE_RETURN_IF_ERROR(CheckPositive("min_span_us", static_cast<double>(min_span_us)));
   EVPOSE_RETURN_IF_ERROR(CheckRange("confirm_support_ratio", confirm_support_ratio, 0.0, 1.0));

@@ -8,8 +8,8 @@
 
 namespace evpose {
 
-// Sums over the windows of about the last memory_us: a lamp that flickers adds events beside the lines in some windows,
-// and the ratio of few events is uncertain.
+// Sums over the windows of about the last HealthOptions::contrast_memory_us: a lamp that flickers adds events beside
+// the lines in some windows, and the ratio of few events is uncertain.
 class LineContrast {
  public:
   // `kept_ratio`: factor of the sums of the earlier windows; below 0 it counts as 0.
