@@ -61,16 +61,32 @@ void SessionObserver::Report(const std::string& what, const absl::Status& status
 }
 
 void SessionObserver::RecordModels(const std::stop_token& stop) {
-  const absl::StatusOr<Session> session = client_.GetSession(session_, stop);
-  if (!session.ok()) return Report("the models", session.status());
+  const std::stop_callback stop_delays(stop, [this] { models_stop_.request_stop(); });
+  absl::StatusOr<Session> session;
+  const absl::Status found = RepeatForModels(stop, [&] {
+    session = client_.GetSession(session_, stop);
+    return session.status();
+  });
+  if (!found.ok()) return Report("the models", found);
   for (const TrackedObject& object : session->config.objects) {
-    const absl::StatusOr<ModelGeometry> geometry = client_.GetModelGeometry(object.model, /*max_faces=*/0, stop);
-    if (!geometry.ok()) {
-      Report(absl::StrCat("the model of ", object.object_id), geometry.status());
+    absl::StatusOr<ModelGeometry> geometry;
+    const absl::Status got = RepeatForModels(stop, [&] {
+      geometry = client_.GetModelGeometry(object.model, /*max_faces=*/0, stop);
+      return geometry.status();
+    });
+    if (!got.ok()) {
+      Report(absl::StrCat("the model of ", object.object_id), got);
       continue;
     }
     for (PoseRecorder* const recorder : recorders_) recorder->SetModel(object.object_id, *geometry);
   }
+}
+
+absl::Status SessionObserver::RepeatForModels(const std::stop_token& stop, const std::function<absl::Status()>& call) {
+  const std::stop_token delays = models_stop_.get_token();
+  absl::Status status = RepeatCall(delays, call, [](const absl::Status&) {});
+  const bool is_interrupted = !status.ok() && delays.stop_requested() && !stop.stop_requested();
+  return is_interrupted ? call() : status;
 }
 
 void SessionObserver::RecordHealth(SessionHealth health) {
@@ -96,6 +112,7 @@ void SessionObserver::RecordImage(EventImage image) {
 }
 
 void SessionObserver::Finish() {
+  models_stop_.request_stop();  // a server that is unreachable at the end of the session may remain so
   {
     std::unique_lock lock(mutex_);
     ended_.wait(lock, [this] { return has_models_ || num_running_ == 0; });

@@ -41,8 +41,8 @@ class SessionObserver {
                   SessionObserverOptions options);
   ~SessionObserver() { Stop(); }
 
-  // Ends when the models are recorded, after the last message of a session that has ended, at the latest a second
-  // later.
+  // Ends when the models are recorded or the last attempt to get them has failed, after the last message of a session
+  // that has ended, at the latest a second later.
   void Finish();
   // Cancels the calls to the server.
   void Stop();
@@ -51,6 +51,9 @@ class SessionObserver {
 
  private:
   void RecordModels(const std::stop_token& stop);
+  // Makes `call` until it returns OK, repeatedly after errors that may pass. After a request of models_stop_ it makes
+  // one last attempt.
+  absl::Status RepeatForModels(const std::stop_token& stop, const std::function<absl::Status()>& call);
   void RecordImage(EventImage image);
   // Calls `watch` until it returns OK, repeatedly after errors that may pass; reports another one.
   void Repeat(const std::string& what, const std::stop_token& stop, const std::function<absl::Status()>& watch);
@@ -65,6 +68,7 @@ class SessionObserver {
   int num_running_ = 0;      // guarded by mutex_
   bool has_models_ = false;  // they are recorded, or reported; guarded by mutex_
   std::condition_variable_any ended_;
+  std::stop_source models_stop_;  // of the delays between the attempts to get the models
   std::jthread health_;
   std::jthread images_;
 };

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "client/lib/interrupted_server_testing.h"
 #include "client/lib/messages/core_types.h"
 #include "client/lib/stalled_server_testing.h"
 #include "client/view/outbox_reader_testing.h"
@@ -223,52 +224,8 @@ TEST_F(LiveViewTest, ASessionThatDoesNotExistIsANoticeAndTheList) {
   EXPECT_EQ(view_->Handle(SeekRequest{0}).code(), absl::StatusCode::kInvalidArgument);
 }
 
-// A server that fails the first calls for its models, because its connection to the store was interrupted.
-class InterruptedServer final : private v1::ModelService::Service, private v1::SessionService::Service {
- public:
-  explicit InterruptedServer(bool knows_model) : knows_model_(knows_model) {
-    grpc::ServerBuilder builder;
-    builder.RegisterService(static_cast<v1::ModelService::Service*>(this));
-    builder.RegisterService(static_cast<v1::SessionService::Service*>(this));
-    server_ = builder.BuildAndStart();
-    client_ = ClientAccess::OverChannel(server_->InProcessChannel({}), "test server");
-  }
-  Client& client() { return *client_; }
-
- private:
-  grpc::Status GetSession(grpc::ServerContext*, const v1::GetSessionRequest*, v1::Session* session) override {
-    session->set_name("sessions/1");
-    v1::TrackedObject& object = *session->mutable_config()->add_objects();
-    object.set_object_id("cube");
-    object.set_model("models/1");
-    return grpc::Status::OK;
-  }
-  grpc::Status GetModel(grpc::ServerContext*, const v1::GetModelRequest*, v1::Model* model) override {
-    if (num_get_model_++ == 0) return {grpc::StatusCode::UNAVAILABLE, "interrupted"};
-    if (!knows_model_) return {grpc::StatusCode::NOT_FOUND, "was not seen by this server"};
-    model->set_file_name("cube.obj");
-    model->set_diameter_m(3.0);
-    return grpc::Status::OK;
-  }
-  grpc::Status GetModelGeometry(grpc::ServerContext*, const v1::GetModelGeometryRequest*,
-                                v1::ModelGeometry* geometry) override {
-    if (num_get_geometry_++ == 0) return {grpc::StatusCode::UNAVAILABLE, "interrupted"};
-    for (const float coordinate : {0.0f, 0.0f, 0.0f, 3.0f, 0.0f, 0.0f, 0.0f, 4.0f, 0.0f}) {
-      geometry->add_vertices_m(coordinate);
-    }
-    for (const uint32_t vertex : {0, 1, 2}) geometry->add_faces(vertex);
-    return grpc::Status::OK;
-  }
-
-  const bool knows_model_;
-  std::atomic<int> num_get_model_ = 0;
-  std::atomic<int> num_get_geometry_ = 0;
-  std::unique_ptr<grpc::Server> server_;
-  std::unique_ptr<Client> client_;
-};
-
 TEST(InterruptedServerTest, TheCallsForTheModelsAreRepeated) {
-  InterruptedServer server(/*knows_model=*/true);
+  InterruptedServer server({});
   OutboxReader reader;
   LiveSource source(server.client(), "test server", "sessions/1");
   const std::unique_ptr<PageView> view = source.Open(reader.outbox());
@@ -279,7 +236,7 @@ TEST(InterruptedServerTest, TheCallsForTheModelsAreRepeated) {
 }
 
 TEST(InterruptedServerTest, AModelThatTheServerHasNotSeenHasTheSizeOfItsVertices) {
-  InterruptedServer server(/*knows_model=*/false);
+  InterruptedServer server({.knows_model = false});
   OutboxReader reader;
   LiveSource source(server.client(), "test server", "sessions/1");
   const std::unique_ptr<PageView> view = source.Open(reader.outbox());
