@@ -17,6 +17,7 @@ namespace {
 
 constexpr int64_t kTimeHighUnitUs = 4096;
 constexpr uint16_t kTimeHighType = 0x8;  // in the highest four bits of a word
+// Seconds. With a shorter period the motion would turn back so often that the views would hardly differ.
 constexpr double kLeastSimulatedS = 0.25;
 
 // Returns the slowest scene that has at least this rate. Time is then stretched and never compressed, so that the

@@ -21,7 +21,8 @@ inline SegmentImage SegmentBetween(const Eigen::Vector2d& p1_px, const Eigen::Ve
 }
 
 // Whether most events of a segment are also those of a stronger one: it differs by less than 15 degrees, and its middle
-// is within 2 px of the stronger one.
+// is within 2 px of the stronger one. The spread of the events about an edge is up to 2 px, and segments of the same
+// edge at a corner or an arc differ by some degrees. Not validated separately.
 inline bool IsBeside(const SegmentImage& segment, const SegmentImage& stronger) {
   constexpr double kParallelPx = 2.0;
   constexpr double kParallelSine = 0.26;

@@ -225,15 +225,15 @@ TEST_F(StoreErrorsTest, ARequestThatIsKnownDoesNotWaitForTheStoreEither) {
   CreatedSession made;
   ASSERT_EQ(Describe(Create(request, &made)), "OK");
   Use(StartOnStore());
-  CreatedSession taken;
-  ASSERT_EQ(Describe(Create(request, &taken)), "OK");
-  EXPECT_EQ(taken.name(), made.name());
+  CreatedSession acquired;
+  ASSERT_EQ(Describe(Create(request, &acquired)), "OK");
+  EXPECT_EQ(acquired.name(), made.name());
   Use(StartOnStore());
   fault_->Set(absl::UnavailableError("gone"));
-  EXPECT_EQ(Describe(Create(request, &taken)), "UNAVAILABLE STORE_UNAVAILABLE");
+  EXPECT_EQ(Describe(Create(request, &acquired)), "UNAVAILABLE STORE_UNAVAILABLE");
   fault_->Set(absl::OkStatus());
-  ASSERT_EQ(Describe(Create(request, &taken)), "OK");
-  EXPECT_EQ(taken.name(), made.name());
+  ASSERT_EQ(Describe(Create(request, &acquired)), "OK");
+  EXPECT_EQ(acquired.name(), made.name());
 }
 
 TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsFullOrFails) {
@@ -259,9 +259,10 @@ TEST_F(StoreErrorsTest, ARepeatedRequestForADamagedSessionIsAnError) {
   request.set_request_id("capture 1");
   CreatedSession session;
   ASSERT_EQ(Describe(Create(request, &session)), "OK");
-  auto taken = store_->TakeSession(session.name()).value();
+  auto acquired = store_->AcquireSession(session.name()).value();
   std::promise<absl::Status> done;
-  taken.lease->Commit({.lifecycle = "no lifecycle"}, [&done](const absl::Status& status) { done.set_value(status); });
+  acquired.lease->Commit({.lifecycle = "no lifecycle"},
+                         [&done](const absl::Status& status) { done.set_value(status); });
   ASSERT_TRUE(done.get_future().get().ok());
   Use(StartOnStore());
   EXPECT_EQ(Describe(Create(request, &session)), "DATA_LOSS SESSION_DAMAGED");

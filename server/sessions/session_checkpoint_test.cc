@@ -66,19 +66,19 @@ class SessionCheckpointTest : public testing::Test {
   void RestartServer() {
     session_->Close(absl::CancelledError("killed"));
     fault_->Set(absl::OkStatus());
-    auto taken = store_->TakeSession(kName).value();
+    auto acquired = store_->AcquireSession(kName).value();
     SessionBeginning beginning;
-    beginning.lifecycle = DecodeLifecycle(taken.session.lifecycle).value();
+    beginning.lifecycle = DecodeLifecycle(acquired.session.lifecycle).value();
     std::optional<PipelineState> state;
-    if (!taken.session.checkpoint.empty()) {
-      beginning.checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
+    if (!acquired.session.checkpoint.empty()) {
+      beginning.checkpoint = DecodeCheckpoint(acquired.session.checkpoint, 1).value();
       state = beginning.checkpoint.pipeline;
     }
-    for (const PoseSegment& segment : taken.session.poses) {
+    for (const PoseSegment& segment : acquired.session.poses) {
       const std::vector<StoredPose> poses = DecodePoses(segment, 1).value();
       beginning.poses.insert(beginning.poses.end(), poses.begin(), poses.end());
     }
-    session_ = Start(std::move(beginning), std::move(taken.lease), state, std::move(taken.session.poses));
+    session_ = Start(std::move(beginning), std::move(acquired.lease), state, std::move(acquired.session.poses));
   }
 
   Attachment Attach(const std::string& token, uint64_t last_pose_seq = 0) {
@@ -404,7 +404,7 @@ TEST_F(SessionCheckpointTest, AClientMayHaveReceivedPosesBeyondTheCheckpoint) {
 
 TEST_F(SessionCheckpointTest, EndsWhenAnotherServerHasTakenIt) {
   const uint64_t stream = Attach("first").stream;
-  const auto taken = store_->TakeSession(kName).value();
+  const auto acquired = store_->AcquireSession(kName).value();
   Push(stream, 1);
   Until(stream, [](const StreamView& view) { return !view.status.ok(); });
   EXPECT_EQ(session_->View(stream).status.code(), absl::StatusCode::kAborted);

@@ -163,10 +163,10 @@ absl::Status SessionFactory::CheckModelsStored(const std::string& tenant, const 
 }
 
 absl::StatusOr<SessionFactory::Resumed> SessionFactory::Resume(absl::string_view name) const {
-  auto taken = store_.TakeSession(name);
-  if (!taken.ok()) return StoreError(name, taken.status());
-  Resumed out = {.record = taken->session.record};
-  auto session = Restore(std::move(taken->session), std::move(taken->lease));
+  auto acquired = store_.AcquireSession(name);
+  if (!acquired.ok()) return StoreError(name, acquired.status());
+  Resumed out = {.record = acquired->session.record};
+  auto session = Restore(std::move(acquired->session), std::move(acquired->lease));
   if (!session.ok()) return StoreError(name, session.status());
   out.session = *std::move(session);
   return out;

@@ -225,13 +225,14 @@ TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
   Kill(two);
 }
 
-// A store that lets a test act while a session is taken or deleted, or after the session of a request has been found.
+// A store that lets a test act while a session is acquired or deleted, or after the session of a request has been
+// found.
 class StoreThatTakes : public FaultInjectingStore {
  public:
   using FaultInjectingStore::FaultInjectingStore;
-  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+  absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
     if (while_taking) std::exchange(while_taking, nullptr)();
-    return FaultInjectingStore::TakeSession(name);
+    return FaultInjectingStore::AcquireSession(name);
   }
   absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const override {
     auto record = FaultInjectingStore::FindRequest(tenant, request_id);
@@ -259,7 +260,7 @@ TEST_F(SessionRestoreTest, ASessionThatIsBeingTakenHasItsSlot) {
   store.while_taking = [&] { EXPECT_EQ(ReasonOf(take("lab", second)), "TOO_MANY_SESSIONS"); };
   EXPECT_TRUE(take(kTenant, first).ok());
   EXPECT_EQ(two->num_sessions(), 1u);
-  // If a session cannot be taken from the store, its slot becomes free.
+  // If a session cannot be acquired from the store, its slot becomes free.
   ASSERT_TRUE(two->Delete(kTenant, first->name()).ok());
   store.while_taking = [&] { EXPECT_TRUE(store_->DeleteSession(second->name()).ok()); };
   EXPECT_EQ(ReasonOf(take("lab", second)), "SESSION_NOT_FOUND");
@@ -294,10 +295,10 @@ TEST_F(SessionRestoreTest, ASessionIsResumedOnceByStreamsThatAttachAtTheSameTime
   std::shared_ptr<Session> other;
   SlowWorkBeside stream;
   store.while_taking = [&] { stream.BeginUntilItWaits([&] { other = take(); }); };
-  const auto taken = take();
+  const auto acquired = take();
   stream.Join();
-  EXPECT_EQ(other, taken);
-  EXPECT_TRUE(taken->Watch().status.ok());
+  EXPECT_EQ(other, acquired);
+  EXPECT_TRUE(acquired->Watch().status.ok());
   Kill(one);
   Kill(two);
 }
@@ -334,12 +335,12 @@ TEST_F(SessionRestoreTest, ARepeatedRequestFindsTheSessionThatAStreamHasResumedM
   const auto session = Create(one, "request");
   StoreThatTakes store(store_, std::make_shared<InjectedFault>());
   Server two = Open(/*shares_store=*/true, store);
-  std::shared_ptr<Session> taken;
+  std::shared_ptr<Session> acquired;
   store.after_finding = [&] {
-    taken = two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value();
+    acquired = two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value();
   };
-  EXPECT_EQ(Create(two, "request"), taken);
-  EXPECT_TRUE(taken->Watch().status.ok());
+  EXPECT_EQ(Create(two, "request"), acquired);
+  EXPECT_TRUE(acquired->Watch().status.ok());
   EXPECT_EQ(two->num_sessions(), 1u);
   Kill(one);
   Kill(two);

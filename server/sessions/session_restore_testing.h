@@ -88,10 +88,10 @@ class SharedStoreTest : public testing::Test {
   }
 
   void MakeTrackerStateUnreadable(const std::string& name) {
-    auto taken = store_->TakeSession(name).value();
-    SessionCheckpoint checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
+    auto acquired = store_->AcquireSession(name).value();
+    SessionCheckpoint checkpoint = DecodeCheckpoint(acquired.session.checkpoint, 1).value();
     checkpoint.pipeline->tracker.version = 1'000'000;
-    ASSERT_TRUE(CommitNow(*taken.lease, {.checkpoint = EncodeCheckpoint(checkpoint)}).ok());
+    ASSERT_TRUE(CommitNow(*acquired.lease, {.checkpoint = EncodeCheckpoint(checkpoint)}).ok());
   }
 
   void SlowWorkIsDone() {

@@ -121,11 +121,11 @@ class FaultInjectingStore : public Store {
     EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<SessionLease> lease, store_->CreateSession(record, lifecycle));
     return std::make_unique<FaultInjectingLease>(std::move(lease), fault_, pending_);
   }
-  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+  absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
     EVPOSE_RETURN_IF_ERROR(fault_->Check());
-    EVPOSE_ASSIGN_OR_RETURN(Taken taken, store_->TakeSession(name));
-    taken.lease = std::make_unique<FaultInjectingLease>(std::move(taken.lease), fault_, pending_);
-    return taken;
+    EVPOSE_ASSIGN_OR_RETURN(AcquiredSession acquired, store_->AcquireSession(name));
+    acquired.lease = std::make_unique<FaultInjectingLease>(std::move(acquired.lease), fault_, pending_);
+    return acquired;
   }
   using Store::ReadSession;
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {

@@ -21,9 +21,9 @@ INSTANTIATE_TEST_SUITE_P(Stores, StoreFencingSuite, kTestedStores, NameOfTestedS
 
 TEST_P(StoreFencingSuite, TwoLeasesWithOneNumberAreDifferentHolders) {
   auto created = store_->CreateSession(Record("sessions/a"), "life").value();
-  const auto first = store_->TakeSession("sessions/a").value().lease;
+  const auto first = store_->AcquireSession("sessions/a").value().lease;
   fixture_->RepeatLastNumber();
-  const auto second = store_->TakeSession("sessions/a").value().lease;
+  const auto second = store_->AcquireSession("sessions/a").value().lease;
   ASSERT_EQ(first->token().number, second->token().number);
   EXPECT_EQ(CommitNow(*first, {.checkpoint = "x", .poses = {Segment("x", 1, 2)}}).code(), StatusCode::kAborted);
   EXPECT_EQ(store_->DeleteHeldSession("sessions/a", first->token()).code(), StatusCode::kAborted);
@@ -41,11 +41,11 @@ TEST_P(StoreFencingSuite, ALostCommitIsReportedAndLeavesNoGap) {
   roll_back();
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "3", .poses = {Segment("a", 7, 9)}}).code(), StatusCode::kOutOfRange);
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "3"}).code(), StatusCode::kOutOfRange) << "the lifecycle would be lost";
-  Store::Taken taken = store_->TakeSession("sessions/a").value();
-  EXPECT_EQ(taken.session.checkpoint, "1");
-  EXPECT_EQ(taken.session.lifecycle, "life");
-  EXPECT_EQ(Ranges(taken.session.poses), "1-3");
-  EXPECT_TRUE(CommitNow(*taken.lease, {.checkpoint = "2", .poses = {Segment("a", 4, 6)}}).ok());
+  Store::AcquiredSession acquired = store_->AcquireSession("sessions/a").value();
+  EXPECT_EQ(acquired.session.checkpoint, "1");
+  EXPECT_EQ(acquired.session.lifecycle, "life");
+  EXPECT_EQ(Ranges(acquired.session.poses), "1-3");
+  EXPECT_TRUE(CommitNow(*acquired.lease, {.checkpoint = "2", .poses = {Segment("a", 4, 6)}}).ok());
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kAborted);
 }
 
@@ -53,7 +53,7 @@ TEST_P(StoreFencingSuite, ALostLeaseIsReported) {
   auto first = store_->CreateSession(Record("sessions/a"), "life").value();
   const std::function<void()> roll_back = fixture_->Snapshot();
   if (roll_back == nullptr) GTEST_SKIP() << "the file of a store in use cannot be exchanged";
-  const auto second = store_->TakeSession("sessions/a").value().lease;
+  const auto second = store_->AcquireSession("sessions/a").value().lease;
   ASSERT_TRUE(CommitNow(*second, {.checkpoint = "2"}).ok());
   roll_back();
   EXPECT_EQ(CommitNow(*second, {.checkpoint = "3"}).code(), StatusCode::kOutOfRange);

@@ -67,7 +67,7 @@ TEST_P(StoreSuite, ASessionStartsEmpty) {
 TEST_P(StoreSuite, TakingASessionFencesThePreviousHolder) {
   auto first = store_->CreateSession(Record("sessions/a"), "life 0").value();
   ASSERT_TRUE(CommitNow(*first, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
-  Store::Taken second = store_->TakeSession("sessions/a").value();
+  Store::AcquiredSession second = store_->AcquireSession("sessions/a").value();
   EXPECT_GT(second.lease->token().number, first->token().number);
   EXPECT_NE(second.lease->token().holder, first->token().holder);
   EXPECT_EQ(second.session.checkpoint, "1");
@@ -88,7 +88,7 @@ TEST_P(StoreSuite, ADeletedSessionIsNotFound) {
   EXPECT_TRUE(store_->DeleteSession("sessions/a").ok()) << "deleting a session that does not exist is OK";
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x"}).code(), StatusCode::kNotFound);
   EXPECT_EQ(store_->ReadSession("sessions/a").status().code(), StatusCode::kNotFound);
-  EXPECT_EQ(store_->TakeSession("sessions/a").status().code(), StatusCode::kNotFound);
+  EXPECT_EQ(store_->AcquireSession("sessions/a").status().code(), StatusCode::kNotFound);
   EXPECT_THAT(NamesOf(*store_), ElementsAre());
 
   auto again = store_->CreateSession(Record("sessions/a"), "life").value();
@@ -101,7 +101,7 @@ TEST_P(StoreSuite, ADeletedSessionIsNotFound) {
 
 TEST_P(StoreSuite, APreviousHolderCannotDeleteASession) {
   auto first = store_->CreateSession(Record("sessions/a"), "life").value();
-  const auto second = store_->TakeSession("sessions/a").value().lease;
+  const auto second = store_->AcquireSession("sessions/a").value().lease;
   EXPECT_EQ(store_->DeleteHeldSession("sessions/a", first->token()).code(), StatusCode::kAborted);
   EXPECT_TRUE(CommitNow(*second, {.checkpoint = "1"}).ok());
   EXPECT_TRUE(store_->DeleteHeldSession("sessions/a", second->token()).ok());
@@ -240,8 +240,8 @@ TEST_P(StoreSuite, DeletesPosesBySegments) {
   ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 41, 45), Segment("a", 46, 60)}}).ok());
   if (fixture_->keeps()) Reopen();
   EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "46-60");
-  Store::Taken taken = store_->TakeSession("sessions/a").value();
-  EXPECT_TRUE(CommitNow(*taken.lease, {.poses = {Segment("a", 61, 61)}}).ok());
+  Store::AcquiredSession acquired = store_->AcquireSession("sessions/a").value();
+  EXPECT_TRUE(CommitNow(*acquired.lease, {.poses = {Segment("a", 61, 61)}}).ok());
 }
 
 TEST_P(StoreSuite, RefusesPosesThatDoNotContinueTheLog) {
@@ -257,9 +257,9 @@ TEST_P(StoreSuite, RefusesPosesThatDoNotContinueTheLog) {
   EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "");
   EXPECT_EQ(Ranges(store_->ReadSession("sessions/a")->poses), "1-3");
   EXPECT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 4, 5)}}).ok());
-  Store::Taken taken = store_->TakeSession("sessions/a").value();
-  EXPECT_EQ(CommitNow(*taken.lease, {.poses = {Segment("x", 1, 1)}}).code(), StatusCode::kFailedPrecondition);
-  EXPECT_TRUE(CommitNow(*taken.lease, {.poses = {Segment("a", 6, 6)}}).ok());
+  Store::AcquiredSession acquired = store_->AcquireSession("sessions/a").value();
+  EXPECT_EQ(CommitNow(*acquired.lease, {.poses = {Segment("x", 1, 1)}}).code(), StatusCode::kFailedPrecondition);
+  EXPECT_TRUE(CommitNow(*acquired.lease, {.poses = {Segment("a", 6, 6)}}).ok());
 }
 
 TEST_P(StoreSuite, CommitsOfOneSessionComeOneByOne) {
@@ -348,7 +348,7 @@ TEST_P(StoreSuite, OneOfManyCreatesASessionAndTheLastTakerHoldsIt) {
   threads.clear();
   std::vector<std::unique_ptr<SessionLease>> leases(8);
   for (auto& lease : leases) {
-    threads.emplace_back([&] { lease = std::move(store_->TakeSession("sessions/a")->lease); });
+    threads.emplace_back([&] { lease = std::move(store_->AcquireSession("sessions/a")->lease); });
   }
   for (std::thread& thread : threads) thread.join();
   std::sort(leases.begin(), leases.end(),
@@ -392,7 +392,7 @@ TEST_P(StoreSuite, EveryCommitIsCompleteWhenTheStoreIsDestroyed) {
 TEST_P(StoreSuite, FencingNumbersRiseAcrossOpenings) {
   const uint64_t first = store_->CreateSession(Record("sessions/a"), "").value()->token().number;
   if (fixture_->keeps()) Reopen();
-  const uint64_t second = store_->TakeSession("sessions/a").value().lease->token().number;
+  const uint64_t second = store_->AcquireSession("sessions/a").value().lease->token().number;
   EXPECT_GT(second, first);
   ASSERT_TRUE(store_->DeleteSession("sessions/a").ok());
   EXPECT_GT(store_->CreateSession(Record("sessions/a"), "").value()->token().number, second);

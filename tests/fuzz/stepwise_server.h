@@ -84,11 +84,11 @@ class StepwiseStore : public server::Store {
     EVPOSE_ASSIGN_OR_RETURN(const server::FencingToken token, sessions_.Create(record, lifecycle, "holder"));
     return std::make_unique<StepwiseLease>(sessions_, committer_, record.name, token, /*next_pose_seq=*/1);
   }
-  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
-    EVPOSE_ASSIGN_OR_RETURN(server::MemorySession taken, sessions_.Take(name, "holder"));
-    return Taken{
-        .session = std::move(taken.stored),
-        .lease = std::make_unique<StepwiseLease>(sessions_, committer_, name, taken.token, taken.next_pose_seq)};
+  absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
+    EVPOSE_ASSIGN_OR_RETURN(server::MemorySession acquired, sessions_.Take(name, "holder"));
+    return AcquiredSession{
+        .session = std::move(acquired.stored),
+        .lease = std::make_unique<StepwiseLease>(sessions_, committer_, name, acquired.token, acquired.next_pose_seq)};
   }
   absl::StatusOr<server::StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {
     return sessions_.Read(name, after_pose_seq);

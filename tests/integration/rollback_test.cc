@@ -85,10 +85,10 @@ class ReplicatedStore : public server::FaultInjectingStore {
     EVPOSE_ASSIGN_OR_RETURN(auto lease, FaultInjectingStore::CreateSession(record, lifecycle));
     return std::make_unique<ReplicatedLease>(std::move(lease), replicas_);
   }
-  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
-    EVPOSE_ASSIGN_OR_RETURN(Taken taken, FaultInjectingStore::TakeSession(name));
-    taken.lease = std::make_unique<ReplicatedLease>(std::move(taken.lease), replicas_);
-    return taken;
+  absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
+    EVPOSE_ASSIGN_OR_RETURN(AcquiredSession acquired, FaultInjectingStore::AcquireSession(name));
+    acquired.lease = std::make_unique<ReplicatedLease>(std::move(acquired.lease), replicas_);
+    return acquired;
   }
 
  private:

@@ -111,6 +111,7 @@ class SessionRun::LagWatch {
   LagWatch& operator=(const LagWatch&) = delete;
 
  private:
+  // A quarter of the lag from which on a run counts as late (LagMessages::kLate).
   static constexpr absl::Duration kPeriod = absl::Milliseconds(250);
   // At the start, a live source has waited for the session, and the object is searched for.
   static constexpr absl::Duration kStart = absl::Seconds(2);

@@ -54,18 +54,18 @@ void OrphanCollector::Collect(absl::Time now, size_t num_here, const IsHere& is_
 }
 
 bool OrphanCollector::Delete(const std::string& name, const std::string& lifecycle, absl::Time now) {
-  // The lease is taken first: from now on no other server can change the record. A client that has returned meanwhile
-  // keeps its session, but its stream is fenced and has to attach again.
-  const auto taken = store_.TakeSession(name);
-  if (absl::IsDataLoss(taken.status())) {
-    SessionLog(name, "").NotResumed(taken.status());
+  // The lease is acquired first: from now on no other server can change the record. A client that has returned
+  // meanwhile keeps its session, but its stream is fenced and has to attach again.
+  const auto acquired = store_.AcquireSession(name);
+  if (absl::IsDataLoss(acquired.status())) {
+    SessionLog(name, "").NotResumed(acquired.status());
     return true;
   }
-  if (!taken.ok() || taken->session.lifecycle != lifecycle) return false;
-  const absl::Status status = store_.DeleteHeldSession(name, taken->lease->token());
-  SessionLog log(name, taken->session.record.tenant);
+  if (!acquired.ok() || acquired->session.lifecycle != lifecycle) return false;
+  const absl::Status status = store_.DeleteHeldSession(name, acquired->lease->token());
+  SessionLog log(name, acquired->session.record.tenant);
   if (status.ok()) {
-    if (const std::optional<SessionSums> sums = SumsOf(taken->session, now)) {
+    if (const std::optional<SessionSums> sums = SumsOf(acquired->session, now)) {
       log.Orphaned(*sums);
     } else {
       log.DeletedUnread("", "no server has it, and it cannot be read");

@@ -126,7 +126,7 @@ TEST_P(OrphanCollectorTest, ARenewalDuringTheCollectionKeepsTheSession) {
   EXPECT_EQ(store_->ReadSession("sessions/late")->lifecycle, "attached again");
 
   for (int i = 0; i < 4; ++i) Collect();
-  hooked_.hook = [this] { ASSERT_TRUE(store_->TakeSession("sessions/late").ok()); };
+  hooked_.hook = [this] { ASSERT_TRUE(store_->AcquireSession("sessions/late").ok()); };
   Collect();
   EXPECT_TRUE(Names().empty()) << "taking a session does not renew its lifecycle record";
 }

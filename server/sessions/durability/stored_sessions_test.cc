@@ -258,13 +258,13 @@ TEST_F(StoredSessionsTest, AStoreIsWritten) {
   sessions_->CloseAll(absl::CancelledError("written"));
   const SessionPage page = store_->ListSessions(kStoredTenant, "", SIZE_MAX >> 1).value();
   for (const SessionRecord& record : page.records) {
-    auto taken = store_->TakeSession(record.name).value();
-    SessionCheckpoint checkpoint = DecodeCheckpoint(taken.session.checkpoint, 1).value();
+    auto acquired = store_->AcquireSession(record.name).value();
+    SessionCheckpoint checkpoint = DecodeCheckpoint(acquired.session.checkpoint, 1).value();
     if (record.request_id == "foreign") checkpoint.pipeline->tracker.version = UINT32_MAX;
     const SessionLifecycle lifecycle = {.token_digest = TokenDigest(kToken), .num_attaches = 1, .detached_at = now_};
-    ASSERT_TRUE(
-        CommitNow(*taken.lease, {.checkpoint = EncodeCheckpoint(checkpoint), .lifecycle = EncodeLifecycle(lifecycle)})
-            .ok());
+    ASSERT_TRUE(CommitNow(*acquired.lease,
+                          {.checkpoint = EncodeCheckpoint(checkpoint), .lifecycle = EncodeLifecycle(lifecycle)})
+                    .ok());
   }
   std::ofstream(fs::path(directory) / "expected.txt") << expected;
 }

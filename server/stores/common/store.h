@@ -143,7 +143,7 @@ class SessionLease {
   // has returned; from within Commit() when the store is closed. It must not block or call the store, but it may call
   // Commit(). OK means that the commit is as durable as the store is. After every error but UNAVAILABLE nothing has
   // been written:
-  // - ABORTED: another holder has taken the session.
+  // - ABORTED: another holder has acquired the session.
   // - OUT_OF_RANGE: the store has lost this lease, or a commit of it that ended with OK: a replica without the last
   //   writes was made the master. No other server has the session; the next holder continues from an older state.
   // - NOT_FOUND: the session was deleted.
@@ -230,25 +230,25 @@ class Store {
 
   // Returns a name for a session, "sessions/{id}", that cannot be guessed. Errors: INTERNAL.
   virtual absl::StatusOr<std::string> NewSessionName(absl::string_view tenant, absl::string_view request_id) const;
-  // Creates a session and takes it. Errors: ALREADY_EXISTS when the name exists, also from an earlier call that ended
-  // with UNAVAILABLE, or when the tenant has a session of the same request_id, which FindRequest() returns. Some stores
-  // return INVALID_ARGUMENT when the session has a request_id and its name is not from NewSessionName() for tenant and
-  // request_id.
+  // Creates a session and acquires its lease. Errors: ALREADY_EXISTS when the name exists, also from an earlier call
+  // that ended with UNAVAILABLE, or when the tenant has a session of the same request_id, which FindRequest() returns.
+  // Some stores return INVALID_ARGUMENT when the session has a request_id and its name is not from NewSessionName() for
+  // tenant and request_id.
   virtual absl::StatusOr<std::unique_ptr<SessionLease>> CreateSession(const SessionRecord& record,
                                                                       const std::string& lifecycle) = 0;
 
-  struct Taken {
+  struct AcquiredSession {
     StoredSession session;
     std::unique_ptr<SessionLease> lease;
   };
-  // Reads a session and takes it with a new fencing token: from now on commits of earlier holders fail with ABORTED.
-  // Errors: NOT_FOUND; DATA_LOSS naming the session and the damaged part.
-  virtual absl::StatusOr<Taken> TakeSession(absl::string_view name) = 0;
-  // Reads a session without taking it. Segments without a pose after `after_pose_seq` are omitted. Errors: those of
-  // TakeSession().
+  // Reads a session and acquires its lease with a new fencing token: from now on commits of earlier holders fail with
+  // ABORTED. Errors: NOT_FOUND; DATA_LOSS naming the session and the damaged part.
+  virtual absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) = 0;
+  // Reads a session without acquiring its lease. Segments without a pose after `after_pose_seq` are omitted. Errors:
+  // those of AcquireSession().
   virtual absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const = 0;
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name) const { return ReadSession(name, 0); }
-  // Reads several sessions without their poses, in the order of `names`, with one round trip, and takes none. Sessions
+  // Reads several sessions without their poses, in the order of `names`, with one round trip, without leases. Sessions
   // that do not exist or are damaged are omitted. The caller bounds their number: a checkpoint may have several
   // megabytes.
   virtual absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const = 0;
@@ -269,7 +269,7 @@ class Store {
   // Returns OK also when the session does not exist. Damaged sessions are deleted, too.
   virtual absl::Status DeleteSession(absl::string_view name) = 0;
   // Deletes the session, as DeleteSession() does, but only if the lease with this token holds it. Errors: ABORTED when
-  // another holder has taken it, OUT_OF_RANGE when the store has lost the lease; the session is kept.
+  // another holder has acquired it, OUT_OF_RANGE when the store has lost the lease; the session is kept.
   virtual absl::Status DeleteHeldSession(absl::string_view name, const FencingToken& token) = 0;
 
   // Retention: deletes the sessions that ended before `ended_before`. A full store also deletes ended sessions without

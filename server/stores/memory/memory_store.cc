@@ -118,12 +118,12 @@ class MemoryStore : public Store {
     return std::make_unique<MemoryLease>(shared_, record.name, token, /*next_pose_seq=*/1);
   }
 
-  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+  absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
     EVPOSE_ASSIGN_OR_RETURN(std::string holder, RandomHex128());
     EVPOSE_ASSIGN_OR_RETURN(MemorySession session, shared_->sessions->Take(name, std::move(holder)));
     const uint64_t next_pose_seq = session.next_pose_seq;
-    return Taken{.session = std::move(session.stored),
-                 .lease = std::make_unique<MemoryLease>(shared_, name, session.token, next_pose_seq)};
+    return AcquiredSession{.session = std::move(session.stored),
+                           .lease = std::make_unique<MemoryLease>(shared_, name, session.token, next_pose_seq)};
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {

@@ -147,7 +147,7 @@ class PostgresStore : public Store {
     return std::make_unique<PostgresSessionLease>(shared_, record.name, std::move(token), /*next_pose_seq=*/1);
   }
 
-  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+  absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
     EVPOSE_ASSIGN_OR_RETURN(std::string holder, RandomHex128());
     PostgresSession session;
     EVPOSE_RETURN_IF_ERROR(client().With([&](PostgresConnection& connection) -> absl::Status {
@@ -160,9 +160,10 @@ class PostgresStore : public Store {
       EVPOSE_ASSIGN_OR_RETURN(session, ParsePostgresSession(name, /*after_pose_seq=*/0, rows[3], rows[4]));
       return absl::OkStatus();
     }));
-    return Taken{.session = std::move(session.stored),
-                 .lease = std::make_unique<PostgresSessionLease>(
-                     shared_, name, FencingToken{session.fencing_number, std::move(holder)}, session.next_pose_seq)};
+    return AcquiredSession{
+        .session = std::move(session.stored),
+        .lease = std::make_unique<PostgresSessionLease>(
+            shared_, name, FencingToken{session.fencing_number, std::move(holder)}, session.next_pose_seq)};
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {

@@ -200,11 +200,11 @@ TEST_F(PostgresStoreFixture, ThePreviousHolderOnAnotherServerIsFenced) {
   const std::unique_ptr<Store> other = Open();
   auto lease = one->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
-  Store::Taken taken = other->TakeSession("sessions/a").value();
+  Store::AcquiredSession acquired = other->AcquireSession("sessions/a").value();
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x", .poses = {Segment("x", 4, 4)}}).code(), StatusCode::kAborted);
-  EXPECT_TRUE(CommitNow(*taken.lease, {.checkpoint = "2", .poses = {Segment("a", 4, 4)}}).ok());
-  EXPECT_EQ(one->TakeSession("sessions/a")->session.checkpoint, "2");
-  EXPECT_EQ(CommitNow(*taken.lease, {.checkpoint = "x"}).code(), StatusCode::kAborted);
+  EXPECT_TRUE(CommitNow(*acquired.lease, {.checkpoint = "2", .poses = {Segment("a", 4, 4)}}).ok());
+  EXPECT_EQ(one->AcquireSession("sessions/a")->session.checkpoint, "2");
+  EXPECT_EQ(CommitNow(*acquired.lease, {.checkpoint = "x"}).code(), StatusCode::kAborted);
 }
 
 TEST_F(PostgresStoreFixture, ALockedSessionDoesNotStopTheOthers) {
@@ -262,7 +262,7 @@ TEST_F(PostgresStoreFixture, NamesDamagedRecords) {
     auto lease = store->CreateSession(Record("sessions/a"), "").value();
     ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3), Segment("a", 4, 5)}}).ok());
     postgres_.Run(tamper);
-    const absl::Status status = store->TakeSession("sessions/a").status();
+    const absl::Status status = store->AcquireSession("sessions/a").status();
     EXPECT_EQ(status.code(), StatusCode::kDataLoss) << words;
     EXPECT_THAT(std::string(status.message()), HasSubstr(words));
     EXPECT_EQ(store->ReadWithoutPoses({"sessions/a"})->size(), absl::StrContains(words, "poses") ? 1u : 0u) << words;

@@ -131,8 +131,8 @@ TEST_F(RedisGroupsTest, TheLossOfAGroupStopsOnlyItsSessions) {
   b_.Kill();
   EXPECT_TRUE(CommitNow(*lease_a, {.checkpoint = "1"}).ok());
   EXPECT_EQ(CommitNow(*lease_b, {.checkpoint = "1"}).code(), StatusCode::kUnavailable);
-  EXPECT_TRUE(store->TakeSession(in_a).ok());
-  EXPECT_EQ(store->TakeSession(in_b).status().code(), StatusCode::kUnavailable);
+  EXPECT_TRUE(store->AcquireSession(in_a).ok());
+  EXPECT_EQ(store->AcquireSession(in_b).status().code(), StatusCode::kUnavailable);
   EXPECT_TRUE(store->CheckHealth().ok()) << "the server stays ready";
   EXPECT_TRUE(store->Groups()[0].health.ok());
   EXPECT_EQ(store->Groups()[1].health.code(), StatusCode::kUnavailable);
@@ -145,13 +145,13 @@ TEST_F(RedisGroupsTest, TheLossOfAGroupStopsOnlyItsSessions) {
   store.reset();
   store = Open();
   EXPECT_TRUE(store->ListModels().ok());
-  Store::Taken taken = store->TakeSession(in_a).value();
-  EXPECT_TRUE(CommitNow(*taken.lease, {.checkpoint = "2"}).ok());
-  const absl::Status away = store->TakeSession(in_b).status();
+  Store::AcquiredSession acquired = store->AcquireSession(in_a).value();
+  EXPECT_TRUE(CommitNow(*acquired.lease, {.checkpoint = "2"}).ok());
+  const absl::Status away = store->AcquireSession(in_b).status();
   EXPECT_EQ(away.code(), StatusCode::kUnavailable);
   EXPECT_THAT(std::string(away.message()), HasSubstr("in none of the Redis groups that respond"));
   b_.Start();
-  EXPECT_TRUE(store->TakeSession(in_b).ok());
+  EXPECT_TRUE(store->AcquireSession(in_b).ok());
   EXPECT_EQ(NamesOf(*store).size(), 2u);
   a_.Kill();
   b_.Kill();
@@ -393,7 +393,7 @@ TEST(RedisClusterTest, ScriptsUseOnlyTheKeysThatTheyDeclare) {
     for (uint64_t seq = 1; seq < 4; ++seq) {
       ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .lifecycle = "2", .poses = {Segment("a", seq, seq)}}).ok());
     }
-    lease = store->TakeSession(record.name).value().lease;
+    lease = store->AcquireSession(record.name).value().lease;
     ASSERT_TRUE(CommitNow(*lease, {.poses = {Segment("a", 4, 4)},
                                    .first_pose_seq_kept = 3,
                                    .ended_at = absl::FromUnixSeconds(1'700'000'000)})

@@ -41,9 +41,9 @@ struct RedisScript {
 // Creates a session. ARGV: name, record, lifecycle, safety_ttl_ms, holder, tenant, request_id. Returns the fencing
 // number; 0 when the session exists; or the name of another session with the same request_id.
 extern const RedisScript kRedisCreate;
-// Reads a session, and takes it if asked. ARGV: "1" to take the session or "0", safety_ttl_ms, the number of a pose,
-// that number + 1, holder. Returns nil when the session does not exist, else fencing, next, kept, record, lifecycle,
-// checkpoint and the entries of the stream that have a later pose.
+// Reads a session, and acquires its lease if asked. ARGV: "1" to acquire it or "0", safety_ttl_ms, the number of a
+// pose, that number + 1, holder. Returns nil when the session does not exist, else fencing, next, kept, record,
+// lifecycle, checkpoint and the entries of the stream that have a later pose.
 extern const RedisScript kRedisRead;
 // Writes a commit. ARGV: name, fencing, commit number, first pose to replace, kept, ended_at_us or "", safety_ttl_ms,
 // max_segments, checkpoint or "", lifecycle or "" (an encoded record is never empty), holder, number of the last commit

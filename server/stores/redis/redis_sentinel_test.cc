@@ -128,12 +128,12 @@ class RedisSentinelFixture : public testing::Test {
   // Creates a session with a patient store and takes it with `store`.
   std::unique_ptr<SessionLease> Create(Store& store, const std::string& name) const {
     EXPECT_EQ(Open()->CreateSession(Record(name), "life").status(), absl::OkStatus());
-    absl::StatusOr<Store::Taken> taken;
+    absl::StatusOr<Store::AcquiredSession> acquired;
     EXPECT_TRUE(Poll([&] {
-      taken = store.TakeSession(name);
-      return !absl::IsUnavailable(taken.status());
+      acquired = store.AcquireSession(name);
+      return !absl::IsUnavailable(acquired.status());
     }));
-    return std::move(taken.value().lease);
+    return std::move(acquired.value().lease);
   }
   // The Sentinels replace the master after this time where a test expects it, and only there.
   static constexpr absl::Duration kDownAfter = absl::Seconds(2);
@@ -194,7 +194,7 @@ TEST_F(RedisSentinelFixture, WritesAreNotAcknowledgedBeforeAReplicaHasThem) {
   // All at once, because they wait together.
   const std::function<absl::Status()> calls[] = {
       [&] { return store->CreateSession(Record("sessions/c"), "life").status(); },
-      [&] { return store->TakeSession("sessions/b").status(); },
+      [&] { return store->AcquireSession("sessions/b").status(); },
       [&] { return store->DeleteSession("sessions/b"); },
       [&] { return store->PutModel(Model("models/a", "tenant", "bytes")); },
       [&] { return store->DeleteModel("tenant", "models/b"); },

@@ -203,12 +203,13 @@ class RedisStore : public Store {
     return std::make_unique<RedisLease>(shared_, record.name, std::move(token), /*next_pose_seq=*/1);
   }
 
-  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+  absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
     EVPOSE_ASSIGN_OR_RETURN(std::string holder, RandomHex128());
     EVPOSE_ASSIGN_OR_RETURN(RedisSession session, Read(name, holder, /*after_pose_seq=*/0));
-    return Taken{.session = std::move(session.stored),
-                 .lease = std::make_unique<RedisLease>(
-                     shared_, name, FencingToken{session.fencing_number, std::move(holder)}, session.next_pose_seq)};
+    return AcquiredSession{
+        .session = std::move(session.stored),
+        .lease = std::make_unique<RedisLease>(shared_, name, FencingToken{session.fencing_number, std::move(holder)},
+                                              session.next_pose_seq)};
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {

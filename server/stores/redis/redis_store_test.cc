@@ -157,13 +157,13 @@ TEST_F(RedisStoreFixture, ThePreviousHolderIsFenced) {
   const std::unique_ptr<Store> other = Open();
   auto lease = store_->CreateSession(Record("sessions/a"), "").value();
   ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3)}}).ok());
-  Store::Taken taken = other->TakeSession("sessions/a").value();
+  Store::AcquiredSession acquired = other->AcquireSession("sessions/a").value();
   EXPECT_EQ(CommitNow(*lease, {.checkpoint = "x", .poses = {Segment("x", 4, 4)}}).code(), StatusCode::kAborted);
-  EXPECT_TRUE(CommitNow(*taken.lease, {.checkpoint = "2", .poses = {Segment("a", 4, 4)}}).ok());
-  Store::Taken back = store_->TakeSession("sessions/a").value();
+  EXPECT_TRUE(CommitNow(*acquired.lease, {.checkpoint = "2", .poses = {Segment("a", 4, 4)}}).ok());
+  Store::AcquiredSession back = store_->AcquireSession("sessions/a").value();
   EXPECT_EQ(back.session.checkpoint, "2");
   EXPECT_EQ(Ranges(back.session.poses), "1-3 4-4");
-  EXPECT_EQ(CommitNow(*taken.lease, {.checkpoint = "x"}).code(), StatusCode::kAborted);
+  EXPECT_EQ(CommitNow(*acquired.lease, {.checkpoint = "x"}).code(), StatusCode::kAborted);
 }
 
 TEST_F(RedisStoreFixture, SendsMissingScriptsAgain) {
@@ -238,7 +238,7 @@ TEST_F(RedisStoreFixture, NamesDamagedRecords) {
     auto lease = store_->CreateSession(Record("sessions/a"), "").value();
     ASSERT_TRUE(CommitNow(*lease, {.checkpoint = "1", .poses = {Segment("a", 1, 3), Segment("a", 4, 5)}}).ok());
     tamper();
-    const absl::Status status = store_->TakeSession("sessions/a").status();
+    const absl::Status status = store_->AcquireSession("sessions/a").status();
     EXPECT_EQ(status.code(), StatusCode::kDataLoss) << words;
     EXPECT_THAT(std::string(status.message()), HasSubstr(words));
     EXPECT_EQ(store_->ReadWithoutPoses({"sessions/a"})->size(), absl::StrContains(words, "poses") ? 1u : 0u) << words;

@@ -41,9 +41,9 @@ struct Acknowledged {
   std::vector<std::thread> threads;
   for (size_t session = 0; session < kSessions; ++session) {
     threads.emplace_back([&store, acknowledged, session] {
-      Store::Taken taken = store->TakeSession(Name(session)).value();
-      const std::string& last = taken.session.lifecycle;
-      for (uint64_t n = std::stoull(last) + 1; CommitNow(*taken.lease, MakeCommit(session, n)).ok(); ++n) {
+      Store::AcquiredSession acquired = store->AcquireSession(Name(session)).value();
+      const std::string& last = acquired.session.lifecycle;
+      for (uint64_t n = std::stoull(last) + 1; CommitNow(*acquired.lease, MakeCommit(session, n)).ok(); ++n) {
         const Acknowledged told = {.session = session, .commit = n};
         if (write(acknowledged, &told, sizeof(told)) != sizeof(told)) break;
       }

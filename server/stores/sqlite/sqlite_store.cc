@@ -137,7 +137,7 @@ class SqliteStore : public Store {
     return std::make_unique<SqliteLease>(writer_, record.name, state);
   }
 
-  absl::StatusOr<Taken> TakeSession(absl::string_view name) override {
+  absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
     if (IsDamaged(name)) return DamagedSessionError(name);
     SqliteSession session;
     EVPOSE_ASSIGN_OR_RETURN(const std::string holder, RandomHex128());
@@ -149,8 +149,8 @@ class SqliteStore : public Store {
       return SqliteWriteState(database, name, session.state);
     });
     EVPOSE_RETURN_IF_ERROR(Noting(written));
-    return Taken{.session = std::move(session.stored),
-                 .lease = std::make_unique<SqliteLease>(writer_, name, session.state)};
+    return AcquiredSession{.session = std::move(session.stored),
+                           .lease = std::make_unique<SqliteLease>(writer_, name, session.state)};
   }
 
   absl::StatusOr<StoredSession> ReadSession(absl::string_view name, uint64_t after_pose_seq) const override {

@@ -186,7 +186,7 @@ TEST_F(SqliteStoreTest, NamesDamagedRecordsAndRescuesTheOthers) {
     std::unique_ptr<Store> store = Open();
     EXPECT_THAT(absl::StrJoin(store->damage(), "\n"), AllOf(HasSubstr(words), HasSubstr("evpose.db.damaged-1")));
     EXPECT_TRUE(std::filesystem::exists(File() + ".damaged-1"));
-    EXPECT_EQ(store->TakeSession("sessions/2").status().code(), StatusCode::kDataLoss) << sql;
+    EXPECT_EQ(store->AcquireSession("sessions/2").status().code(), StatusCode::kDataLoss) << sql;
     EXPECT_EQ(store->ReadSession("sessions/2").status().code(), StatusCode::kDataLoss);
     EXPECT_EQ(store->ReadWithoutPoses({"sessions/2", "sessions/1"})->size(), 1u) << sql;
     EXPECT_EQ(store->CreateSession(Record("sessions/2"), "").status().code(), StatusCode::kAlreadyExists);
@@ -249,7 +249,7 @@ TEST_F(SqliteStoreTest, ADamagedFileOfTheFirstSchemaIsRescued) {
 
 TEST_F(SqliteStoreTest, FencingNumbersRiseAfterDamage) {
   Fill();
-  const uint64_t last = Open()->TakeSession("sessions/3")->lease->token().number;
+  const uint64_t last = Open()->AcquireSession("sessions/3")->lease->token().number;
   Execute("DELETE FROM fencing");
   const std::unique_ptr<Store> store = Open();
   EXPECT_THAT(absl::StrJoin(store->damage(), "\n"), HasSubstr("fencing number"));
