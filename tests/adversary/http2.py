@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames of HTTP/2 (RFC 9113) that a client of gRPC does not send."""
 
-HEADERS, RST_STREAM, SETTINGS, PING, CONTINUATION = 1, 3, 4, 6, 9
-END_HEADERS = 4
+DATA, HEADERS, RST_STREAM, SETTINGS, PING, WINDOW_UPDATE, CONTINUATION = 0, 1, 3, 4, 6, 8, 9
+END_STREAM, END_HEADERS = 1, 4
 PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"  # of a client, section 3.4
 CANCEL = (8).to_bytes(4, "big")  # the payload of RST_STREAM
 _PATH = b"/evpose.v1.AdminService/GetServerInfo"
@@ -20,11 +20,11 @@ def _literal(name, value):
     return b"\x00" + bytes([len(name)]) + name + bytes([len(value)]) + value
 
 
-def call(is_tls=False):
-    """The header of a call without a token. ":method: POST", ":scheme: http" and ":scheme: https" are entries 3, 6 and 7 of the static
-    table."""
-    return ((b"\x83\x87" if is_tls else b"\x83\x86") + _literal(b":path", _PATH) + _literal(b":authority", b"localhost")
-            + _literal(b"content-type", b"application/grpc") + b"\x00\x02te\x08trailers")
+def call(is_tls=False, path=_PATH, token=None):
+    """The header of a call. ":method: POST", ":scheme: http" and ":scheme: https" are entries 3, 6 and 7 of the static table."""
+    authorization = _literal(b"authorization", b"Bearer " + token.encode()) if token else b""
+    return ((b"\x83\x87" if is_tls else b"\x83\x86") + _literal(b":path", path) + _literal(b":authority", b"localhost")
+            + _literal(b"content-type", b"application/grpc") + b"\x00\x02te\x08trailers" + authorization)
 
 
 CALL = call()
@@ -36,6 +36,26 @@ def reset_streams(first, count):
     """Calls that are reset at once."""
     streams = range(2 * first + 1, 2 * (first + count) + 1, 2)
     return b"".join(frame(HEADERS, END_HEADERS, i, CALL) + frame(RST_STREAM, 0, i, CANCEL) for i in streams)
+
+
+def unary_call(stream, path, request, token):
+    """A whole call with one request, a serialized message."""
+    message = bytes([0]) + len(request).to_bytes(4, "big") + request
+    return (frame(HEADERS, END_HEADERS, stream, call(path=path.encode(), token=token))
+            + frame(DATA, END_STREAM, stream, message))
+
+
+def window(size_bytes):
+    """Settings with which a stream may receive this many bytes of data; headers may always be sent (section 5.2.1)."""
+    return frame(SETTINGS, 0, 0, b"\x00\x04" + size_bytes.to_bytes(4, "big"))
+
+
+def frames(connection):
+    """Yields the kind, the flags and the stream of each frame that the server sends, until it closes the connection."""
+    with connection.makefile("rb") as received:
+        while len(head := received.read(9)) == 9:
+            received.read(int.from_bytes(head[:3], "big"))
+            yield head[3], head[4], int.from_bytes(head[5:], "big")
 
 
 def open_connection(running, start=b""):

@@ -2,17 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Memory: what a session takes is charged before it takes it, and what cannot be had fails one call."""
 
+import contextlib
+import itertools
 import pathlib
 import re
+import socket
 import subprocess
 import unittest
 
 import grpc
 import numpy
 
+import http2
 import server
-from api import LARGEST, client, failure_of, refusal
-from hostile_models import CUBE, padded_cube
+from api import LARGEST, METHODS, client, failure_of, refusal
+from hostile_models import CUBE, blob, padded_cube
 
 LIMIT_BYTES = 400 << 20
 # Memory of the server besides sessions: buffers of gRPC, pages that malloc keeps.
@@ -224,6 +228,83 @@ class StreamMemoryTest(MemoryTest):
         stream.send(end={})
         stream.read("summary")
         self.assertLess(running.resident_bytes(), before + SLACK_BYTES)
+
+
+class UnreadResponseTest(MemoryTest):
+    """Clients that call GetModelGeometry, which has the largest responses, and do not read them. The responses of a tenant may take an
+    eighth of --max-transport-bytes."""
+
+    NUM_CALLS = 800
+    LIMIT_BYTES = 8 << 20
+
+    def start(self, response_timeout_s=600):
+        """Starts a server that has a model of mallory, which a session uses, so that the calls do not load it again."""
+        self.running = self.serve("--max-transport-bytes", str(8 * self.LIMIT_BYTES), "--response-timeout", str(response_timeout_s),
+                                  tenants=("alice", "mallory"))
+        self.mallory = client(self, self.running, "mallory")
+        self.model = self.mallory.upload(blob(120)).name
+        self.mallory.create(self.model)
+
+    def read_geometry(self):
+        return self.mallory("GetModelGeometry", name=self.model)
+
+    def call(self, stream):
+        """Returns the frames of a call."""
+        method = METHODS["GetModelGeometry"]
+        request = method.request(name=self.model).SerializeToString()
+        return http2.unary_call(stream, method.path, request, server.token("mallory"))
+
+    def test_they_are_counted_until_the_call_has_ended(self):
+        """The client has a window of 0 bytes, so that it receives the headers of each response and no data."""
+        self.start()
+        self.assertGreater(self.NUM_CALLS * self.read_geometry().ByteSize(), self.LIMIT_BYTES + SLACK_BYTES)
+        before = self.running.resident_bytes()
+        calls = b"".join(self.call(stream) for stream in range(1, 2 * self.NUM_CALLS, 2))
+        with http2.open_connection(self.running, http2.window(0) + calls) as connection:
+            begun = set()
+            for kind, _, stream in http2.frames(connection):
+                begun |= {stream} if kind == http2.HEADERS else set()
+                if len(begun) == self.NUM_CALLS:
+                    break
+            self.assertEqual(len(begun), self.NUM_CALLS)
+            self.assertLess(self.running.peak_bytes() - before, self.LIMIT_BYTES + SLACK_BYTES)
+            failure = refusal(self.read_geometry)
+            self.assertEqual((failure.code, failure.reason), ("RESOURCE_EXHAUSTED", "TENANT_QUOTA"))
+            client(self, self.running, "alice")("ListModels")
+        server.poll(self.is_answered, "the release of the responses of a connection that was closed")
+
+    def is_answered(self):
+        try:
+            self.read_geometry()
+            return True
+        except grpc.RpcError as error:
+            self.assertEqual(failure_of(error).reason, "TENANT_QUOTA")
+            return False
+
+    def test_they_are_counted_until_they_are_written_to_the_socket(self):
+        """The clients have a large window of HTTP/2, and do not read from their sockets, whose buffers take less than half of a response."""
+        self.start()
+        window = http2.window(2**31 - 1) + http2.frame(http2.WINDOW_UPDATE, 0, 0, (2**30).to_bytes(4, "big"))
+        host, port = self.running.address.rsplit(":", 1)
+        with contextlib.ExitStack() as stack:
+            for _ in range(self.NUM_CALLS // 2):
+                connection = stack.enter_context(socket.socket())
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, 536)
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                connection.connect((host, int(port)))
+                connection.sendall(http2.PREFACE + http2.EMPTY_SETTINGS + window + self.call(1))
+            server.poll(lambda: self.running.metric("evpose_quota_refusals_total", 'limit="tenant_responses"') > 0,
+                        "a refusal because of the responses that are not read")
+
+    def test_a_call_ends_whose_response_is_not_read(self):
+        self.start(response_timeout_s=0.5)
+        with http2.open_connection(self.running, http2.window(0) + self.call(1)) as connection:
+            received = http2.frames(connection)
+            kinds = {kind for kind, _, _ in itertools.takewhile(lambda frame: frame[0] != http2.RST_STREAM, received)}
+            self.assertIn(http2.HEADERS, kinds)
+            self.assertNotIn(http2.DATA, kinds)
+            connection.sendall(http2.unary_call(3, METHODS["GetServerInfo"].path, b"", server.token("mallory")))
+            self.assertIn(3, (stream for _, _, stream in received), "the connection serves other calls")
 
 
 if __name__ == "__main__":
