@@ -128,7 +128,6 @@ void Cancel(RawTrack& track) {
 TEST_F(LeavingTest, ExitsWithStalledClientsAttached) {
   for (const bool by_signal : {true, false}) {
     Start("3");
-    RawTrack unattached(*sessions_);
     const auto silent = Attach(CreateSession());
     const CreatedSession session = CreateSession();
     const auto full = Attach(session);
@@ -138,6 +137,7 @@ TEST_F(LeavingTest, ExitsWithStalledClientsAttached) {
     watch.set_session(session.name());
     watch.mutable_period()->set_nanos(10'000'000);
     const auto watcher = sessions_->WatchHealth(&watch_context, watch);  // never read from
+    RawTrack unattached(*sessions_);  // last: the server ends it if it does not attach in time
 
     if (by_signal) {
       program_->Signal(SIGTERM);
