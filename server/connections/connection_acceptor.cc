@@ -10,9 +10,9 @@
 #include <algorithm>
 #include <utility>
 
-#include "absl/cleanup/cleanup.h"
 #include "absl/strings/str_cat.h"
 #include "core/base/status_macros.h"
+#include "server/connections/owned_descriptor.h"
 #include "server/runtime/out_of_memory.h"
 #include "server/telemetry/log.h"
 
@@ -107,7 +107,7 @@ absl::Status ConnectionAcceptor::status() const {
 
 void ConnectionAcceptor::Take(int descriptor, const tcp::endpoint& peer) {
   ++num_accepted_;
-  absl::Cleanup closing = [descriptor] { close(descriptor); };  // also when an allocation fails
+  OwnedDescriptor owned(descriptor);
   if (check_->IsMine(peer)) return;
   std::optional<ConnectionRefusal> refusal = ConnectionRefusal::kDescriptors;
   if (IsReserved(descriptor)) {
@@ -117,7 +117,7 @@ void ConnectionAcceptor::Take(int descriptor, const tcp::endpoint& peer) {
   }
   num_connections_ = ledger_.size();
   if (!refusal.has_value()) {
-    std::move(closing).Cancel();
+    owned.Release();
     return hand_over_(descriptor);
   }
   options_.metrics->connection_refusals[*refusal].Add();

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "server/http/listener_thread.h"
 
-#include <unistd.h>
-
 #include <utility>
 
-#include "absl/cleanup/cleanup.h"
 #include "core/base/status_macros.h"
+#include "server/connections/owned_descriptor.h"
 
 namespace evpose::server {
 
@@ -24,12 +22,12 @@ void ListenerThread::Stop() {
 }
 
 void ListenerThread::Take(int descriptor, const boost::asio::ip::tcp::endpoint& peer) {
-  absl::Cleanup closing = [descriptor] { close(descriptor); };  // also when an allocation fails
+  OwnedDescriptor owned(descriptor);
   Socket socket(context_);
   boost::system::error_code error;
   socket.assign(peer.protocol(), descriptor, error);
   if (error) return;
-  std::move(closing).Cancel();
+  owned.Release();  // the socket closes it
   on_connection_(std::move(socket));
 }
 
