@@ -90,10 +90,8 @@ TEST_P(GivenPoseTest, StaysRight) {
   EXPECT_EQ(run.losses, 0u);
 }
 
-// The cube, with grooves 5 px apart, deviates by 5 to 7 px while one of its faces appears or disappears, which is not
-// detected in less than the time given here. Every other bound is that of no wrong pose.
 INSTANTIATE_TEST_SUITE_P(RealRecordings, GivenPoseTest,
-                         ::testing::Values(GivenPoseCase{"cube_turntable", 1.5, 0.9, 1.0},
+                         ::testing::Values(GivenPoseCase{"cube_turntable", 1.5, 0.9, 0},
                                            GivenPoseCase{"phone_shake", 0.6, 0.95, 0},
                                            GivenPoseCase{"shapes_rotation", 0.4, 0.95, 0},
                                            GivenPoseCase{"shapes_rotation_fast", 0.3, 0.9, 0}));
@@ -152,12 +150,12 @@ TEST_P(AbsentObjectTest, IsNeverTracked) {
 }
 
 // Cameras of the same resolution. The outline of a phone is that of a box: the cube is DEGRADED on it, and from some
-// start times TRACKING for a part of a second (the limits in the README).
+// start times TRACKING for up to 46 ms (the limits in the README).
 INSTANTIATE_TEST_SUITE_P(RealRecordings, AbsentObjectTest,
                          ::testing::Values(AbsentCase{"negatives/screwdriver.raw", "phone_shake"},
                                            AbsentCase{"negatives/screwdriver.raw", "cube_turntable"},
                                            AbsentCase{"negatives/screwdriver.raw", "checkerboard_flash"},
-                                           AbsentCase{"phone_shake/recording.raw", "cube_turntable"},
+                                           AbsentCase{"phone_shake/recording.raw", "cube_turntable", 0.05},
                                            AbsentCase{"phone_shake/recording.raw", "checkerboard_flash"},
                                            AbsentCase{"cube_turntable/recording.raw", "phone_shake"},
                                            AbsentCase{"checkerboard_flash/09.raw", "phone_shake"},
