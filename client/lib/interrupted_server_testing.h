@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A server whose connection to its store is interrupted.
+// A server for tests. Its first calls for a model fail with UNAVAILABLE, as while the server cannot reach its store.
 #pragma once
 
 #include <grpcpp/server.h>
@@ -9,6 +9,7 @@
 #include <atomic>
 #include <functional>
 #include <memory>
+#include <utility>
 
 #include "client/lib/client_access.h"
 #include "evpose/client.h"
