@@ -21,9 +21,9 @@ import grpc
 
 import http2
 import server
-from api import EVT3, FISHEYE_LENS, FLAT64, LARGEST, METHODS, OBJ, RATIONAL_LENS, VGA, Api, failure_of
+from api import EVT3, FISHEYE_LENS, FLAT64, LARGEST, MESH, METHODS, OBJ, RATIONAL_LENS, VGA, Api, failure_of
 from camera import Camera, assert_same_poses, assert_undisturbed, camera_model, chunks, initial_pose, recording
-from hostile_models import CUBE, MALFORMED, padded_cube, prism, tangle
+from hostile_models import CUBE, MALFORMED, MALFORMED_MESHES, mesh, padded_cube, prism, tangle
 from test_memory import noise
 from test_names import ODD_NAMES
 
@@ -59,6 +59,7 @@ class Adversary(threading.Thread):
         self._random = random.Random(f"{seed} {index}")
         self._is_ended = is_ended
         self._models = [prism(1365), prism(300), tangle(500, 500), CUBE, *MALFORMED.values()]
+        self._meshes = [mesh(), *MALFORMED_MESHES.values()]
         self._noise = noise(256)
         self._bulk = b"".join(payload for _, payload in chunks())
         self._held = []  # functions that end a stalled stream or connection
@@ -183,10 +184,11 @@ class Adversary(threading.Thread):
         self._hold(stream.cancel)
 
     def act_bulk(self, api):
-        """The recording of the camera, with as many bytes at a time as the server takes."""
+        """The recording of the camera, with as many bytes at a time as the server takes, and with up to 10,000 poses per second."""
         model = api.upload(CUBE).name
+        tracker = {"pose_rate_hz": self._random.choice([1000.0, 10_000.0, 10_000.0, self._number()])}
         stream, _ = api.attach(api.create(model, camera=camera_model(), num_objects=self._random.choice([1, 4]), encoding=EVT3,
-                                          pose=initial_pose()))
+                                          pose=initial_pose(), tracker=tracker))
         for seq, start in enumerate(range(0, len(self._bulk), 1 << 18), 1):
             stream.send(events={"seq": seq, "payload": self._bulk[start:start + (1 << 18)]})
         self._hold(stream.cancel)
@@ -234,6 +236,24 @@ class Adversary(threading.Thread):
             stream.call.result()
         else:
             self._hold(stream.cancel)
+
+    def act_upload_mesh(self, api):
+        """A message Mesh, most of them malformed."""
+        data = bytearray(self._random.choice(self._meshes))
+        if self._random.random() < 0.5:
+            data[self._random.randrange(-20, -1) % max(len(data), 1):] = self._bytes(40)
+        api.upload(bytes(data), format=MESH)
+
+    def act_unread_responses(self, api):
+        """Calls whose responses are not read: the connection has no window for them."""
+        model = api.upload(self._random.choice([CUBE, prism(300)])).name
+        method, fields = self._random.choice([("GetModelGeometry", {"name": model}), ("ListModels", {}), ("ListSessions", {})])
+        request = METHODS[method].request(**fields).SerializeToString()
+        calls = [http2.unary_call(stream, METHODS[method].path, request, server.token("mallory"))
+                 for stream in range(1, 2 * self._random.randrange(1, 200), 2)]
+        connection = http2.open_connection(self._running, http2.window(0))
+        self._hold(connection.close)
+        http2.send(connection, b"".join(calls))
 
     def act_read_model(self, api):
         """The geometry of a model that exists, several times at once, some of them cancelled; the model may be deleted meanwhile."""
