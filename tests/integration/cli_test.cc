@@ -180,12 +180,15 @@ TEST_F(CliTest, WatchSaysThatItWaitsForPosesOfAStalledSession) {
   WriteText("pose", FirstPose());
   const CliResult result = RunShell(absl::StrCat(
       "server='--server 127.0.0.1:", server.server->port(),
-      "'\nmkfifo events messages\nexec 3<>events\n"
+      "'\nmkfifo events\nexec 3<>events\n"
       "evpose stream - --model cube/model.obj --camera cube/camera.yaml --init-pose \"$(cat pose)\" $server <&3 "
       ">/dev/null 2>&1 &\nstream=$!\npid=$stream\ncat cube/recording.raw >&3\n"
       "await 'session=$(evpose sessions list $server | head -n 1 | cut -d \" \" -f 1); test \"$session\"'\n"
       "evpose watch $session $server >poses.tum 2>messages &\nwatch=$!\n"
-      "grep -m 1 'waiting for poses' <messages | sed s,$session,SESSION,\n"
+      // On a slow machine, the command may wait for the first pose, too.
+      "await 'grep -q \"^[0-9]\" poses.tum'\n"
+      "await 'grep -q \"waiting for poses\" messages'\n"
+      "grep -m 1 'waiting for poses' messages | sed s,$session,SESSION,\n"
       "kill -TERM $watch $stream\nwait $watch && wait $stream\n"));
   EXPECT_EQ(result.status, 0) << result.err;
   EXPECT_EQ(result.out, "waiting for poses of SESSION ...\n");
