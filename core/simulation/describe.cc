@@ -38,10 +38,16 @@ void AddMotion(const MotionOptions& options, Description& out) {
 }
 
 void AddBackground(const BackgroundOptions& options, Description& out) {
-  const auto& [reflectance, is_textured, contrast, has_edge, edge_reflectance, edge_speed, edge_tilt] = options;
+  const auto& [reflectance, is_textured, contrast, num_rectangles, texture_speed, has_edge, edge_reflectance,
+               edge_speed, edge_tilt] = options;
   out.Add("scene.background.reflectance", reflectance);
   out.Add("scene.background.is_textured", is_textured);
   out.Add("scene.background.texture_contrast", contrast);
+  // A background with the default number of rectangles, at rest, keeps the description that it had before the options.
+  if (num_rectangles != BackgroundOptions().texture_rectangles) {
+    out.Add("scene.background.texture_rectangles", static_cast<int64_t>(num_rectangles));
+  }
+  if (texture_speed != 0.0) out.Add("scene.background.texture_speed_px_per_s", texture_speed);
   out.Add("scene.background.has_moving_edge", has_edge);
   out.Add("scene.background.edge_reflectance", edge_reflectance);
   out.Add("scene.background.edge_speed_px_per_s", edge_speed);

@@ -23,6 +23,8 @@ TEST(DescribeSimulationTest, EveryChangeChangesTheText) {
       [](auto& o) { o.scene.motion.speed_m_per_s += 1e-15; },
       [](auto& o) { o.scene.motion.profile = MotionProfile::kHalfOut; },
       [](auto& o) { o.scene.motion.view_angle_rad = 0.1; },
+      [](auto& o) { o.scene.background.texture_rectangles = 40; },
+      [](auto& o) { o.scene.background.texture_speed_px_per_s = 300.0; },
       [](auto& o) { o.scene.background.has_moving_edge = true; },
       [](auto& o) { o.scene.light.reaches_background = true; },
       [](auto& o) { o.scene.occluder.follows_object = true; },

@@ -17,6 +17,12 @@ using Eigen::Vector3d;
 // Length of the pieces, pixels, into which edges are divided, because distortion bends them. Over one piece the
 // deviation from a straight line is far below 0.01 px for usual lenses (plumb-bob model).
 constexpr double kPiecePx = 12.0;
+// A texture that moves: its amplitude along x, as a share of the image's width, and those of its amplitude and its
+// frequency along y to those along x. The ratio of the frequencies is not a simple one, so that edges of all directions
+// move.
+constexpr double kTextureSwing = 0.1;
+constexpr double kTextureSwingYToX = 0.6;
+constexpr double kTextureCyclesYToX = 0.73;
 constexpr double kNearM = 1e-3;  // metres; smallest depth of a projected point
 
 // Returns the value of an oscillation, in [-1, 1].
@@ -44,32 +50,57 @@ SceneRenderer::SceneRenderer(const SceneOptions& options, const SceneObject& obj
       background_(static_cast<size_t>(camera.width_px) * camera.height_px),
       sharp_(background_.size()),
       picture_(background_.size()) {
-  PaintBackground(seed);
+  texture_ = MakeTexture(seed);
+  PaintBackground(0.0);
   if (options.model != nullptr) {
     const double nearest_m = options.motion.depth_m * (1.0 - options.motion.depth_swing_ratio) - object.radius_m;
     mesh_ = std::make_unique<MeshRenderer>(*options.model, options, camera, nearest_m);
   }
-  if (options.background.has_moving_edge) edgeless_ = background_;
 }
 
-void SceneRenderer::PaintBackground(uint64_t seed) {
+std::vector<SceneRenderer::Shape> SceneRenderer::MakeTexture(uint64_t seed) const {
   const BackgroundOptions& options = options_.background;
-  std::fill(background_.begin(), background_.end(), static_cast<float>(options.reflectance));
-  if (!options.is_textured) return;
-  sharp_ = background_;
+  std::vector<Shape> shapes;
+  if (!options.is_textured) return shapes;
   Random random(seed);
-  constexpr int kRectangles = 160;  // covers most of the image with rectangles of 2 to 16 % of its width
-  for (int i = 0; i < kRectangles; ++i) {
-    const double y = random.Uniform(0.0, image_.y1);  // first: the order of arguments depends on the compiler
-    const Vector2d centre(random.Uniform(0.0, image_.x1), y);
+  // A texture that moves extends beyond the image, by as much as it is displaced.
+  const double margin_px = IsTextureMoving() ? kTextureSwing * image_.x1 : 0.0;
+  for (int i = 0; i < options.texture_rectangles; ++i) {  // of 2 to 16 % of the image's width
+    // First: the order of arguments depends on the compiler.
+    const double y = random.Uniform(-margin_px, image_.y1 + margin_px);
+    const Vector2d centre(random.Uniform(-margin_px, image_.x1 + margin_px), y);
     const SinCos turn = DeterministicSinCos(random.Uniform(0.0, std::numbers::pi));
     const Vector2d u = Vector2d(turn.cos, turn.sin) * random.Uniform(0.01, 0.08) * image_.x1;
     const Vector2d v = Vector2d(turn.sin, -turn.cos) * random.Uniform(0.01, 0.08) * image_.x1;
     const double shade =
         options.reflectance * random.Uniform(1.0 - options.texture_contrast, 1.0 + options.texture_contrast);
-    Composite({{{centre - u - v, centre + u - v, centre + u + v, centre - u + v}, shade, 1.0}});
+    shapes.push_back({{centre - u - v, centre + u - v, centre + u + v, centre - u + v}, shade, 1.0});
+  }
+  return shapes;
+}
+
+bool SceneRenderer::IsTextureMoving() const {
+  return options_.background.is_textured && options_.background.texture_speed_px_per_s > 0.0;
+}
+
+Vector2d SceneRenderer::TextureShiftPx(double t_s) const {
+  if (!IsTextureMoving()) return Vector2d::Zero();
+  const double amplitude_px = kTextureSwing * image_.x1;
+  const double cycles = SwingHz(options_.background.texture_speed_px_per_s, amplitude_px) * t_s;
+  return amplitude_px * Vector2d(Swing(cycles), kTextureSwingYToX * Swing(kTextureCyclesYToX * cycles));
+}
+
+void SceneRenderer::PaintBackground(double t_s) {
+  std::fill(sharp_.begin(), sharp_.end(), static_cast<float>(options_.background.reflectance));
+  const Vector2d shift_px = TextureShiftPx(t_s);
+  for (Shape shape : texture_) {
+    for (Vector2d& point : shape.points_px) point += shift_px;
+    Composite({shape});
   }
   background_ = sharp_;
+  if (!options_.background.has_moving_edge) return;
+  edgeless_ = background_;
+  last_edge_x_px_.reset();  // the edge is painted over the whole image
 }
 
 double SceneRenderer::LightAt(double t_s) const {
@@ -213,11 +244,12 @@ PixelRect SceneRenderer::Render(const RigidTransform& camera_from_object, double
   }
   layers.push_back(OccluderShapes(camera_from_object, t_s));
   const int radius = blur_.radius_px();
+  if (IsTextureMoving()) PaintBackground(t_s);
   const PixelRect swept = MoveBackgroundEdge(t_s).Grown(radius).Intersection(image_);
   PixelRect drawn = mesh_ == nullptr ? PixelRect() : mesh_->Render(camera_from_object, light);
   for (const std::vector<Shape>& shapes : layers) drawn = drawn.Union(ShapesRect(shapes));
   drawn = drawn.Grown(radius).Intersection(image_);
-  const bool all = background_light != last_background_light_;
+  const bool all = background_light != last_background_light_ || IsTextureMoving();
   const PixelRect changed = all ? image_ : drawn.Union(last_rect_).Union(swept);
   last_rect_ = drawn;
   last_background_light_ = background_light;
@@ -251,7 +283,7 @@ double SceneRenderer::LargestMotionPx(const RigidTransform& pose_a, double t_a_s
     largest = std::max(largest, std::abs(OccluderX(pose_b, t_b_s) - OccluderX(pose_a, t_a_s)));
   }
   if (!edgeless_.empty()) largest = std::max(largest, std::abs(EdgeX(t_b_s) - EdgeX(t_a_s)));
-  return largest;
+  return std::max(largest, (TextureShiftPx(t_b_s) - TextureShiftPx(t_a_s)).norm());
 }
 
 }  // namespace evpose

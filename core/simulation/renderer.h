@@ -30,8 +30,8 @@ class SceneRenderer {
   // Light per pixel, row by row: 1 is white paint under full light.
   const std::vector<float>& picture() const { return picture_; }
 
-  // Returns the largest motion in the image between two times, pixels, of the object's extremes, the occluder and the
-  // moving edge of the background.
+  // Returns the largest motion in the image between two times, pixels, of the object's extremes, the occluder, and the
+  // texture and the moving edge of the background.
   double LargestMotionPx(const RigidTransform& pose_a, double t_a_s, const RigidTransform& pose_b, double t_b_s) const;
 
   // Returns the longest step that resolves the changes of the light, seconds.
@@ -44,7 +44,12 @@ class SceneRenderer {
     double alpha;
   };
 
-  void PaintBackground(uint64_t seed);
+  std::vector<Shape> MakeTexture(uint64_t seed) const;
+  // Paints the background without its moving edge as it is at `t_s`.
+  void PaintBackground(double t_s);
+  bool IsTextureMoving() const;
+  // Displacement of the texture since its middle position, pixels.
+  Eigen::Vector2d TextureShiftPx(double t_s) const;
   double LightAt(double t_s) const;
   std::vector<Shape> BodyShapes(const Body& body, const RigidTransform& camera_from_object, double light) const;
   std::vector<Shape> OccluderShapes(const RigidTransform& camera_from_object, double t_s) const;
@@ -63,6 +68,7 @@ class SceneRenderer {
   CoverageRasterizer rasterizer_;
   GaussianBlur blur_;
   std::unique_ptr<MeshRenderer> mesh_;  // renderer of SceneOptions::model
+  std::vector<Shape> texture_;          // of the background, in its middle position; the last one is in front
   std::vector<float> background_;       // without the lens, under full light
   std::vector<float> edgeless_;         // the same without the moving edge; empty if there is none
   std::vector<float> sharp_;            // the image without the lens

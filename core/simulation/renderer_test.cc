@@ -86,6 +86,8 @@ TEST(SceneRendererTest, OnlyTheChangedPartIsRenderedAgain) {
   options.background.has_moving_edge = true;
   options.occluder.follows_object = true;
   ExpectStepsEqualFresh(options, kCamera);
+  options.background.texture_speed_px_per_s = 300.0;
+  ExpectStepsEqualFresh(options, kCamera);
   options.light.flicker_depth = 0.4;
   options.light.reaches_background = true;
   ExpectStepsEqualFresh(options, kCamera);
@@ -172,6 +174,30 @@ TEST(SceneRendererTest, TheMovingEdgeSweepsBehindTheObject) {
   }
   EXPECT_LT(least, 40);
   EXPECT_GT(most, 280);
+}
+
+TEST(SceneRendererTest, TheTextureMovesBehindTheObject) {
+  SceneOptions options;
+  options.background.is_textured = true;
+  options.background.texture_speed_px_per_s = 400.0;
+  const SceneObject object = MakeSceneObject(SimulatedObject::kPlanar, 0.25);
+  SceneRenderer renderer(options, object, kCamera, 1);
+  const RigidTransform pose = PoseAt(object, 0.0, 0.0, 0.8);
+  renderer.Render(pose, 0.0);
+  const float on_object = At(renderer, kCamera, {160, 118});
+  const float* const row = renderer.picture().data() + size_t{5} * 320;  // above the object
+  double path_px = 0.0, change = 0.0;
+  for (int i = 1; i <= 1000; ++i) {
+    const double t_s = 1e-3 * i;
+    const std::vector<float> before(row, row + 320);
+    path_px += renderer.LargestMotionPx(pose, t_s - 1e-3, pose, t_s);
+    renderer.Render(pose, t_s);
+    for (int x = 0; x < 320; ++x) change += std::abs(row[x] - before[x]);
+    EXPECT_NEAR(At(renderer, kCamera, {160, 118}), on_object, 1e-5);
+  }
+  EXPECT_GT(path_px, 400.0);  // along x alone
+  EXPECT_LT(path_px, 600.0);
+  EXPECT_GT(change, 10.0);
 }
 
 TEST(SceneRendererTest, NearerBodiesHideFartherOnes) {

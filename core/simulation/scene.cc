@@ -8,6 +8,8 @@ namespace evpose {
 absl::Status BackgroundOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.reflectance", reflectance, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.texture_contrast", texture_contrast, 0.0, 0.95));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.texture_rectangles", texture_rectangles, 1, 10'000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.texture_speed_px_per_s", texture_speed_px_per_s, 0.0, 1e5));
   EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.edge_reflectance", edge_reflectance, 0.0, 1.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("BackgroundOptions.edge_speed_px_per_s", edge_speed_px_per_s, 0.0, 1e5));
   return CheckRange("BackgroundOptions.edge_tilt_ratio", edge_tilt_ratio, -2.0, 2.0);

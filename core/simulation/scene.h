@@ -33,8 +33,12 @@ absl::StatusOr<SimulatedObject> ParseSimulatedObject(std::string_view name);
 // with the texture.
 struct BackgroundOptions {
   double reflectance = 0.12;      // share of white; darker than every face, so that all outlines have contrast
-  bool is_textured = false;       // static rectangles of several shades: the contrast of outlines changes as they move
+  bool is_textured = false;       // rectangles of several shades: the contrast of outlines changes as they move
   double texture_contrast = 0.6;  // shades are within reflectance * [1 - this, 1 + this]; only if textured
+  int texture_rectangles = 160;   // number of rectangles, which cover most of the image; only if textured
+  // Mean speed of all rectangles in the image along x, which oscillate as the surroundings of a camera that is turned
+  // to and fro; 0: they are at rest. Every edge of them then emits events, and rendering takes several times longer.
+  double texture_speed_px_per_s = 0.0;
   // A straight border, beyond which the background has another shade, oscillates behind the object, as a door or the
   // edge of a table. The contrast of the object's outlines changes as it passes.
   bool has_moving_edge = false;

@@ -273,8 +273,18 @@ void AddDisturbances(CLI::App& app, SimulateArguments& arguments) {
       ->excludes(occluder);
   app.add_flag("--moving-edge", arguments.scene.background.has_moving_edge,
                "A straight edge that moves behind the object");
-  app.add_flag("--textured-background", arguments.scene.background.is_textured,
-               "A background of rectangles of several shades");
+  CLI::Option* const textured = app.add_flag("--textured-background", arguments.scene.background.is_textured,
+                                             "A background of rectangles of several shades");
+  AddOption(app, "--background-rectangles", arguments.scene.background.texture_rectangles,
+            "Number of the rectangles of --textured-background", CLI::Range(1, 10'000))
+      ->needs(textured);
+  AddOption(
+      app, "--background-speed", arguments.scene.background.texture_speed_px_per_s,
+      "Mean speed in the image of the rectangles of --textured-background, as of the surroundings of a camera that "
+      "is turned to and fro",
+      CLI::Range(0.0, 1e5))
+      ->type_name("PIXELS/S")
+      ->needs(textured);
 }
 
 void AddSensorOptions(CLI::App& app, SimulateArguments& arguments) {
@@ -316,16 +326,28 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
 CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SimulateArguments>();
   AddOptions(app, *arguments);
-  for (const char* name : {"--object",      "--model",
-                           "--camera",      "--view-angle",
-                           "--speed",       "--motion",
-                           "--noise",       "--background-activity",
-                           "--hot-pixels",  "--flood",
-                           "--flicker",     "--light-change",
-                           "--occluder",    "--occluder-on-object",
-                           "--moving-edge", "--textured-background",
-                           "--threshold",   "--threshold-off",
-                           "--bandwidth",   "--refractory",
+  for (const char* name : {"--object",
+                           "--model",
+                           "--camera",
+                           "--view-angle",
+                           "--speed",
+                           "--motion",
+                           "--noise",
+                           "--background-activity",
+                           "--hot-pixels",
+                           "--flood",
+                           "--flicker",
+                           "--light-change",
+                           "--occluder",
+                           "--occluder-on-object",
+                           "--moving-edge",
+                           "--textured-background",
+                           "--background-rectangles",
+                           "--background-speed",
+                           "--threshold",
+                           "--threshold-off",
+                           "--bandwidth",
+                           "--refractory",
                            "--lens-blur"}) {
     app.get_option("--scenario")->excludes(app.get_option(name));
   }
