@@ -153,6 +153,8 @@ Json FirstPoseJson(const std::vector<FirstPoseBenchRow>& rows, const FirstPoseBe
                {"starts", options.num_starts},
                {"watch_s", 1e-6 * static_cast<double>(options.watch_us)},
                {"camera", options.bench.camera},
+               {"scene", ModelBenchSceneName(options.bench.scene)},
+               {"shown", options.shown ? Json(options.shown->name) : Json(nullptr)},
                {"models", Json::array()}};
   for (const FirstPoseBenchRow& row : rows) {
     Json model = {{"model", row.model.name},  {"file", row.model.path},

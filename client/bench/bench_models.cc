@@ -31,8 +31,10 @@ struct ModelsArguments {
   std::vector<std::string> names;
   double duration_s = 1.5;
   double metres_per_unit = 1.0;
+  std::string scene{ModelBenchSceneName(ModelBenchScene::kStandard)};
   bool is_first_pose = false;
-  FirstPoseBenchOptions first_pose;  // num_starts alone
+  FirstPoseBenchOptions first_pose;  // num_starts and explains alone
+  std::string shown;                 // name of the model in the recordings of --first-pose; empty: those of `names`
   std::optional<double> watch_s;
   std::string out;
 };
@@ -79,32 +81,38 @@ absl::StatusOr<std::vector<BenchModel>> FindFiles(const fs::path& directory, dou
   return models;
 }
 
-absl::StatusOr<std::vector<BenchModel>> FindModels(const ModelsArguments& arguments) {
+absl::StatusOr<std::vector<BenchModel>> FindAllModels(const ModelsArguments& arguments) {
   const fs::path directory = arguments.directory;
   std::error_code error;
   const bool has_list = fs::exists(directory / kListName, error);
   EVPOSE_ASSIGN_OR_RETURN(std::vector<BenchModel> models,
                           has_list ? ReadList(directory) : FindFiles(directory, arguments.metres_per_unit));
   if (models.empty()) return UsageError(absl::StrCat("--models ", arguments.directory, ": has no model file"));
-  if (arguments.names.empty()) return models;
+  return models;
+}
+
+// Returns the model of this name; usage error, with the name of the option, if there is none.
+absl::StatusOr<BenchModel> FindModel(const std::vector<BenchModel>& models, const std::string& name,
+                                     const char* option) {
+  const auto found = std::find_if(models.begin(), models.end(), [&](const auto& model) { return model.name == name; });
+  if (found != models.end()) return *found;
+  const std::string known =
+      absl::StrJoin(models, ", ", [](std::string* out, const BenchModel& model) { absl::StrAppend(out, model.name); });
+  return UsageError(absl::StrCat(option, ": no model is called \"", name, "\"; there are ", known));
+}
+
+// Returns the models of --names, in their order; all without it.
+absl::StatusOr<std::vector<BenchModel>> ChooseModels(const std::vector<BenchModel>& models,
+                                                     const std::vector<std::string>& names) {
+  if (names.empty()) return models;
   std::vector<BenchModel> chosen;
-  for (const std::string& name : arguments.names) {
-    const auto found =
-        std::find_if(models.begin(), models.end(), [&](const auto& model) { return model.name == name; });
-    if (found != models.end()) {
-      chosen.push_back(*found);
-      continue;
-    }
-    const std::string known = absl::StrJoin(
-        models, ", ", [](std::string* out, const BenchModel& model) { absl::StrAppend(out, model.name); });
-    return UsageError(absl::StrCat("--names: no model is called \"", name, "\"; there are ", known));
+  for (const std::string& name : names) {
+    EVPOSE_ASSIGN_OR_RETURN(chosen.emplace_back(), FindModel(models, name, "--names"));
   }
   return chosen;
 }
 
-absl::Status RunFirstPoses(const ModelsArguments& arguments, const ModelBenchOptions& bench, CliContext& context) {
-  FirstPoseBenchOptions options = arguments.first_pose;
-  options.bench = bench;
+absl::Status RunFirstPoses(const ModelsArguments& arguments, FirstPoseBenchOptions options, CliContext& context) {
   if (arguments.watch_s.value_or(0.0) > arguments.duration_s) {
     return UsageError(absl::StrFormat("--watch %g is longer than the recordings, which have --duration %g s",
                                       *arguments.watch_s, arguments.duration_s));
@@ -135,9 +143,18 @@ absl::Status RunModels(const ModelsArguments& arguments, CliContext& context) {
   ModelBenchOptions options = arguments.options;
   options.duration_us = std::llround(arguments.duration_s * 1e6);
   options.load_model = LoadModelFile;
-  EVPOSE_ASSIGN_OR_RETURN(options.models, FindModels(arguments));
+  EVPOSE_ASSIGN_OR_RETURN(options.scene, ParseModelBenchScene(arguments.scene));
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<BenchModel> models, FindAllModels(arguments));
+  EVPOSE_ASSIGN_OR_RETURN(options.models, ChooseModels(models, arguments.names));
   EVPOSE_RETURN_IF_ERROR(AsUsageError(options.Validate()));
-  if (arguments.is_first_pose) return RunFirstPoses(arguments, options, context);
+  if (arguments.is_first_pose) {
+    FirstPoseBenchOptions first_pose = arguments.first_pose;
+    first_pose.bench = options;
+    if (!arguments.shown.empty()) {
+      EVPOSE_ASSIGN_OR_RETURN(first_pose.shown, FindModel(models, arguments.shown, "--shown"));
+    }
+    return RunFirstPoses(arguments, std::move(first_pose), context);
+  }
   EVPOSE_ASSIGN_OR_RETURN(std::optional<OutputFile> json, OpenOutput(arguments.out));
   ProgressLine progress(context);
   std::vector<ModelBenchRow> rows;
@@ -176,6 +193,9 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--duration", arguments->duration_s, "Length of a recording", CLI::Range(0.01, 1800.0))
       ->type_name("SECONDS");
   AddOption(app, "--camera", arguments->options.camera, "Sensor and lens", CLI::IsMember(SimulatedCameraNames()));
+  AddOption(app, "--scene", arguments->scene,
+            "Background at rest; the same and a bar that hides 35 % of the object; or a background that moves",
+            CLI::IsMember(ModelBenchSceneNames()));
   AddOption(app, "--noise", arguments->options.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9))
       ->type_name("RATIO");
   app.add_option("--recordings", arguments->options.recordings,
@@ -188,7 +208,14 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
       ->type_name("SECONDS")
       ->check(CLI::Range(0.01, 1800.0))
       ->default_str("0.4");
-  app.add_flag("--explain", arguments->first_pose.explains, "Print why the starts of --first-pose find no right pose");
+  CLI::Option* const shown =
+      app.add_option(
+             "--shown", arguments->shown,
+             "Search for the objects of --first-pose in the recordings of this model, where they are absent and "
+             "every pose is wrong")
+          ->type_name("NAME");
+  app.add_flag("--explain", arguments->first_pose.explains, "Print why the starts of --first-pose find no right pose")
+      ->excludes(shown);
   AddOutputFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete")
       ->group(kOutputGroup);
   app.footer(absl::StrCat(kModelsTableHelp, kFirstPoseTableHelp, kStartCauseHelp,

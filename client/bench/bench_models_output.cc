@@ -151,6 +151,7 @@ Json ModelsJson(const std::vector<ModelBenchRow>& rows, const ModelBenchOptions&
   Json json = {{"seeds", options.num_seeds},
                {"duration_s", 1e-6 * static_cast<double>(options.duration_us)},
                {"camera", options.camera},
+               {"scene", ModelBenchSceneName(options.scene)},
                {"models", Json::array()}};
   for (const ModelBenchRow& row : rows) json["models"].push_back(RowJson(row));
   return json;

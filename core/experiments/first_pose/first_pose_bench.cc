@@ -42,7 +42,7 @@ SearchTrial RunSearch(const FirstPoseRun& run, const TrackerOptions& options, in
     if (!error) continue;
     trial.best_rotation_rad = std::min(trial.best_rotation_rad, error->rotation_rad);
   }
-  trial.rank = RankOfRight(run, found);
+  if (!run.is_absent) trial.rank = RankOfRight(run, found);
   return trial;
 }
 
@@ -106,15 +106,16 @@ absl::StatusOr<FirstPoseStart> RunStart(const FirstPoseRun& run, const FirstPose
     for (const PoseEstimate& estimate : estimates) {
       const std::optional<PoseError> error = run.ErrorAt(estimate.t_us, estimate.camera_from_object);
       if (!error) continue;
-      CountState(run, estimate, error->is_right(), states);
-      const bool is_wrong = estimate.state == TrackState::kTracking && !error->is_right();
+      const bool is_right = run.IsRight(*error);
+      CountState(run, estimate, is_right, states);
+      const bool is_wrong = estimate.state == TrackState::kTracking && !is_right;
       wrong.Add(estimate.t_us, is_wrong);
       if (is_wrong) {
         if (start.wrong_at_us < 0) start.wrong_at_us = estimate.t_us;
         start.wrong.rotation_rad = std::max(start.wrong.rotation_rad, error->rotation_rad);
         start.wrong.translation_ratio = std::max(start.wrong.translation_ratio, error->translation_ratio);
       }
-      if (estimate.state == TrackState::kTracking && error->is_right() && start.right_us < 0) {
+      if (estimate.state == TrackState::kTracking && is_right && start.right_us < 0) {
         start.right_us = t_us + kStartStepUs - start_us;
       }
     }
@@ -148,6 +149,16 @@ absl::Status RunRecording(const FirstPoseBenchOptions& options, const FirstPoseR
   return absl::OkStatus();
 }
 
+// Returns the surface in the recordings. Errors: those of LoadBenchModel().
+absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadShownModel(const FirstPoseBenchOptions& options,
+                                                                  const BenchModel& bench_model,
+                                                                  const std::shared_ptr<const ObjectModel>& tracked) {
+  if (!options.shown) return LoadRenderedModel(options.bench, bench_model, tracked);
+  const BenchModel& shown = *options.shown;
+  if (!shown.reference_path.empty()) return LoadBenchModel(options.bench, shown.reference_path, 1.0);
+  return LoadBenchModel(options.bench, shown.path, shown.metres_per_unit);
+}
+
 absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& options, const BenchModel& bench_model,
                                                  const ModelBenchProgress& on_progress) {
   FirstPoseBenchRow row;
@@ -158,7 +169,7 @@ absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& op
     return row;
   }
   EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<const ObjectModel> rendered,
-                          LoadRenderedModel(options.bench, bench_model, *tracked));
+                          LoadShownModel(options, bench_model, *tracked));
   std::shared_ptr<const SearchModel> search_model;
   if (IsSearchable(**tracked)) {
     EVPOSE_ASSIGN_OR_RETURN(search_model, MakeSearchModel(*tracked));
@@ -171,11 +182,12 @@ absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& op
     const auto on_run = [&](double ratio) {
       return !on_progress || on_progress((i + ratio) / options.bench.num_seeds, text);
     };
-    EVPOSE_ASSIGN_OR_RETURN(ModelRunInputs inputs,
-                            MakeModelRun(options.bench, bench_model, *tracked, rendered, static_cast<uint64_t>(i) + 1));
+    EVPOSE_ASSIGN_OR_RETURN(ModelRunInputs inputs, MakeModelRun(options.bench, options.shown.value_or(bench_model),
+                                                                *tracked, rendered, static_cast<uint64_t>(i) + 1));
     EVPOSE_ASSIGN_OR_RETURN(FirstPoseRun run, LoadFirstPoseRun(std::move(inputs), on_run));
     run.search_model = search_model;
     run.template_model = template_model;
+    run.is_absent = options.shown.has_value();
     EVPOSE_RETURN_IF_ERROR(RunRecording(options, run, on_run, row));
   }
   return row;
@@ -186,6 +198,9 @@ absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& op
 absl::Status FirstPoseBenchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(bench.Validate());
   EVPOSE_RETURN_IF_ERROR(CheckRange("FirstPoseBenchOptions.num_starts", num_starts, 1, 10'000));
+  if (shown && explains) {
+    return absl::InvalidArgumentError("FirstPoseBenchOptions.explains: no pose of an absent object is right");
+  }
   return CheckRange("FirstPoseBenchOptions.watch_us", static_cast<double>(watch_us), 1e4,
                     static_cast<double>(bench.duration_us));
 }

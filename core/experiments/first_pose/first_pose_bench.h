@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,7 +23,10 @@ struct FirstPoseBenchOptions {
   int num_starts = 20;      // of each recording, [1, 10000]; distributed evenly over it
   // Microseconds of events that a tracker receives after a start; [10'000, duration of the recording].
   int64_t watch_us = 400'000;
-  bool explains = false;  // whether FirstPoseStart::explanation is set
+  bool explains = false;  // whether FirstPoseStart::explanation is set; not with `shown`
+  // The model in the recordings; nullopt: each one that is searched for. Otherwise these are absent, and every pose is
+  // wrong.
+  std::optional<BenchModel> shown;
 
   // INVALID_ARGUMENT names the field.
   absl::Status Validate() const;

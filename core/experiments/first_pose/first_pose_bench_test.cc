@@ -60,6 +60,23 @@ TEST_F(FirstPoseBenchTest, FindsAModelWithoutStraightEdges) {
   }
 }
 
+TEST_F(FirstPoseBenchTest, EveryPoseInTheRecordingsOfAnotherModelIsWrong) {
+  FirstPoseBenchOptions options = OptionsFor("cone.obj", ConeObj());
+  // The same surface under another name, so that poses are found.
+  options.shown = OptionsFor("twin.obj", ConeObj()).bench.models[0];
+  std::vector<FirstPoseBenchRow> rows;
+  const absl::Status status = RunFirstPoseBench(options, [&](const FirstPoseBenchRow& row) { rows.push_back(row); });
+  ASSERT_TRUE(status.ok()) << status;
+  ASSERT_EQ(rows.size(), 1u);
+  EXPECT_EQ(rows[0].model.name, "cone.obj");
+  for (const FirstPoseStart& start : rows[0].starts) {
+    EXPECT_FALSE(start.is_found());
+    EXPECT_GT(start.wrong_at_us, 0);
+    EXPECT_GT(start.longest_wrong_us, 10'000);
+  }
+  for (const SearchTrial& trial : rows[0].trials) EXPECT_EQ(trial.rank, -1);
+}
+
 TEST_F(FirstPoseBenchTest, ModelThatCannotBePreparedHasTheReason) {
   std::vector<FirstPoseBenchRow> rows;
   const FirstPoseBenchOptions options = OptionsFor("broken.obj", "v 1 2 3\nf 1 2 3\n");
@@ -76,6 +93,10 @@ TEST_F(FirstPoseBenchTest, ValidatesItsOptions) {
   options.watch_us = 100'000;
   options.num_starts = 0;
   EXPECT_THAT(std::string(options.Validate().message()), HasSubstr("num_starts"));
+  options.num_starts = 1;
+  options.shown = options.bench.models[0];
+  options.explains = true;
+  EXPECT_THAT(std::string(options.Validate().message()), HasSubstr("explains"));
 }
 
 }  // namespace

@@ -29,10 +29,12 @@ struct FirstPoseRun {
   std::shared_ptr<const SearchModel> search_model;  // null if the lines determine no pose
   std::shared_ptr<const TemplateModel> template_model;
   std::shared_ptr<const CameraTables> tables;
+  bool is_absent = false;  // the recording shows another object
 
   absl::Span<const Event> Between(int64_t begin_us, int64_t end_us) const;
   // nullopt outside the recording.
   std::optional<PoseError> ErrorAt(int64_t t_us, const RigidTransform& estimate) const;
+  bool IsRight(const PoseError& error) const { return !is_absent && error.is_right(); }
   // A tracker of the object, without a prior or from a pose at its first event. Errors: those of Tracker::Create().
   absl::StatusOr<std::unique_ptr<Tracker>> MakeTracker(const TrackerOptions& options,
                                                        const std::optional<RigidTransform>& given = std::nullopt) const;

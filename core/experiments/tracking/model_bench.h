@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -25,12 +26,24 @@ struct BenchModel {
   std::string reference_path;
 };
 
+// What is in the recordings besides the object.
+enum class ModelBenchScene {
+  kStandard,          // a background that is plain for odd seeds and textured for even ones, at rest
+  kOccluder,          // and a bar that moves with the object and hides 35 % of its diameter
+  kMovingBackground,  // a textured background that moves, as the surroundings of a camera that is turned to and fro
+};
+
+// "standard", "occluder", "moving-background".
+std::string_view ModelBenchSceneName(ModelBenchScene scene);
+std::vector<std::string> ModelBenchSceneNames();
+// Error: INVALID_ARGUMENT listing the known names.
+absl::StatusOr<ModelBenchScene> ParseModelBenchScene(std::string_view name);
+
 // The defaults are settings of the benchmark and not tuned.
 struct ModelBenchOptions {
   std::vector<BenchModel> models;  // at least one
-  // [1, 1000]; seeds 1, 2, ... determine attitude, motion, pixels and noise. The background is plain for odd seeds and
-  // textured for even ones.
-  int num_seeds = 3;
+  int num_seeds = 3;  // [1, 1000]; seeds 1, 2, ... determine attitude, motion, background, pixels and noise
+  ModelBenchScene scene = ModelBenchScene::kStandard;
   int64_t duration_us = 1'500'000;  // duration of a recording, microseconds
   double noise_ratio = 0.05;        // share of the events that are noise, as in the other benchmarks
   std::string camera = "evk4";      // name of a simulated camera

@@ -4,12 +4,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <set>
 #include <string>
 #include <vector>
 
 #include "core/base/output_file.h"
 #include "core/base/temporary_directory_testing.h"
 #include "core/experiments/frustum_testing.h"
+#include "core/experiments/tracking/model_run.h"
+#include "core/simulation/describe.h"
 
 namespace evpose {
 namespace {
@@ -61,6 +64,34 @@ TEST_F(ModelBenchTest, KeepsPrismaticModels) {
   EXPECT_EQ(rows[1].lines, 18u);
   EXPECT_EQ(rows[0].symmetry, "8");
   EXPECT_NEAR(rows[1].diameter_m, std::hypot(0.12, 0.05), 1e-6);
+}
+
+TEST_F(ModelBenchTest, ScenesDiffer) {
+  ModelBenchOptions options = ShortOptions();
+  const BenchModel file = AddFile("box.obj", FrustumObj(4, 70.0, 70.0, 60.0));
+  options.recordings = directory_.path();
+  const auto box = LoadBenchModel(options, file.path, file.metres_per_unit);
+  ASSERT_TRUE(box.ok()) << box.status();
+  std::set<std::string> scenes, directories;
+  for (const std::string& name : ModelBenchSceneNames()) {
+    const auto scene = ParseModelBenchScene(name);
+    ASSERT_TRUE(scene.ok()) << scene.status();
+    EXPECT_EQ(ModelBenchSceneName(*scene), name);
+    options.scene = *scene;
+    const auto run = MakeModelRun(options, file, *box, *box, 1);
+    ASSERT_TRUE(run.ok()) << run.status();
+    scenes.insert(DescribeSimulation(run->simulation));
+    directories.insert(run->directory);
+    if (*scene != ModelBenchScene::kOccluder) continue;
+    const OccluderOptions& occluder = run->simulation.scene.occluder;
+    const double diameter_px =
+        run->simulation.camera.MaxFocalPx() * (*box)->diameter_m / run->simulation.scene.motion.depth_m;
+    EXPECT_NEAR(occluder.width_px, 0.35 * diameter_px, 1e-9);
+    EXPECT_TRUE(occluder.is_present && occluder.follows_object);
+  }
+  EXPECT_EQ(scenes.size(), 3u);
+  EXPECT_EQ(directories.size(), 3u);
+  EXPECT_THAT(std::string(ParseModelBenchScene("night").status().message()), HasSubstr("moving-background"));
 }
 
 TEST_F(ModelBenchTest, ModelThatCannotBePreparedHasTheReason) {
