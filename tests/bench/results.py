@@ -12,7 +12,6 @@ page with the sections without running anything: each table of the page must sta
 import argparse
 import hashlib
 import json
-import math
 import os
 import re
 import statistics
@@ -21,8 +20,8 @@ import sys
 import tempfile
 import textwrap
 
-from result_tables import cameras, seeing
-from result_tables.markdown import table
+from result_tables import cameras, models, seeing
+from result_tables.markdown import cell, distinct, table
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 PAGE = os.path.join(ROOT, "core/experiments/RESULTS.md")
@@ -30,16 +29,6 @@ EVPOSE = os.path.join(ROOT, "build/release/client/cli/evpose")
 MARK = "<!-- results: %s -->\n"
 END = "<!-- end -->"
 COLUMNS = 140  # tests/lint/check_tree.py
-
-
-def distinct(values):
-    """Without repetitions, in order."""
-    return list(dict.fromkeys(values))
-
-
-def cell(value, decimals):
-    """NaN stands for a figure that no run has."""
-    return "-" if value != value else f"{value:.{decimals}f}"
 
 
 def tracking(result):
@@ -204,54 +193,6 @@ def flicker(result):
     return table(["recordings with a wrong pose as TRACKING, longest period"] + header, lines)
 
 
-def worst_recording(variants):
-    """Seed and tessellation of the worst run: lost before weak before kept, then the largest position error. A run without any pose, whose
-    error is NaN, is the worst of its outcome. As `worst_seed` of `evpose bench models`, over all tessellations."""
-    def badness(named_run):
-        run = named_run[1]
-        error = run["position_rmse_of_depth"]
-        return ["kept", "weak", "lost"].index(run["outcome"]), math.inf if math.isnan(error) else error
-
-    tessellation, run = max(((row["model"].rpartition("-")[2], run) for row in variants for run in row["runs"]), key=badness)
-    return f"seed {run['seed']}, {tessellation}"
-
-
-def models(result):
-    """A line for each shape, over its tessellations and seeds."""
-    rows = []
-    found = [row for row in result["models"] if "error" not in row]
-    for shape in distinct(row["model"].rpartition("-")[0] for row in result["models"]):
-        variants = [row for row in found if row["model"].rpartition("-")[0] == shape]
-        refused = [row["model"] for row in result["models"] if "error" in row and row["model"].rpartition("-")[0] == shape]
-        runs = [run for row in variants for run in row["runs"]]
-        if not runs:
-            rows.append([shape, "not prepared"] + ["-"] * 8)
-            continue
-
-        def mean(key, decimals, factor=1.0, runs=runs):
-            return cell(factor * statistics.mean(run[key] for run in runs), decimals)
-
-        def worst(key, decimals, factor=1.0, runs=runs):
-            # NaN, of a run without any pose, is the worst.
-            return cell(factor * max((run[key] for run in runs), key=lambda value: math.inf if math.isnan(value) else value), decimals)
-
-        kept = sum(run["outcome"] == "kept" for run in runs)
-        weak = sum(run["outcome"] == "weak" for run in runs)
-        rows.append([
-            shape, f"{kept} of {len(runs)}" + (f", {weak} weak" if weak else "") + (f"; refused: {len(refused)}" if refused else ""),
-            worst_recording(variants),
-            f"{mean('position_rmse_of_depth', 3, 100)}, {worst('position_rmse_of_depth', 3, 100)}",
-            f"{mean('rotation_median_deg', 2)} / {mean('rotation_p95_deg', 2)}",
-            f"{worst('longest_wrong_tracking_s', 0, 1000)}, {worst('longest_weak_wrong_tracking_s', 0, 1000)}",
-            f"{mean('events_per_s', 1, 1e-6)}: {worst('compute_ratio', 2)}",
-            cell(1000 * max(row["preparation_s"] for row in variants), 0),
-            f"{max(row['triangles'] for row in variants)}", cell(statistics.mean(row["mean_elements"] for row in variants), 0),
-        ])
-    return table(["shape", "kept", "worst recording", "position RMSE, % of depth: mean, worst", "rotation median / p95, deg",
-                  "longest wrong while TRACKING, ms: determined poses, all", "Mev/s: processor time per sensor time, worst",
-                  "preparation, ms, worst", "triangles, most", "elements"], rows)
-
-
 def real(result):
     """Two lines for each recording, and one for the absent objects."""
     rows = []
@@ -317,23 +258,35 @@ class ModelsRun(Run):
     arguments and machine, so that an interrupted measurement of hours continues."""
 
     def output(self, arguments):
-        folder = os.path.join(ROOT, arguments[arguments.index("--models") + 1])
-        with open(os.path.join(folder, "models.json"), encoding="utf-8") as file:
+        return {"models": self.rows(arguments, self.shapes(arguments))}
+
+    def folder(self, arguments):
+        return os.path.join(ROOT, arguments[arguments.index("--models") + 1])
+
+    def shapes(self, arguments):
+        """The entries of models.json by shape."""
+        with open(os.path.join(self.folder(arguments), "models.json"), encoding="utf-8") as file:
             entries = json.load(file)
+        names = distinct(models.shape_of(entry["name"]) for entry in entries)
+        return {name: [entry for entry in entries if models.shape_of(entry["name"]) == name] for name in names}
+
+    def rows(self, arguments, shapes, more=lambda shape: []):
+        """The rows of all `shapes`. `more` returns further arguments for one of them."""
+        folder = self.folder(arguments)
         with open(EVPOSE, "rb") as file:
             program = hashlib.sha256(file.read())
         program.update(machine().encode())
         rows = []
-        for shape in distinct(entry["name"].rpartition("-")[0] for entry in entries):
-            variants = [entry for entry in entries if entry["name"].rpartition("-")[0] == shape]
+        for shape, variants in shapes.items():
+            command = arguments + more(shape) + ["--names", ",".join(entry["name"] for entry in variants)]
             key = program.copy()
-            key.update(json.dumps(arguments).encode())
+            key.update(json.dumps(command).encode())
             for path in distinct(path for entry in variants for path in (entry["file"], entry["reference"])):
                 with open(os.path.join(folder, path), "rb") as file:
                     key.update(file.read())
             kept = os.path.join(folder, "results", f"{shape}-{key.hexdigest()[:16]}.json")
-            rows += self.shape(kept, arguments + ["--names", ",".join(entry["name"] for entry in variants)])["models"]
-        return {"models": rows}
+            rows += self.shape(kept, command)["models"]
+        return rows
 
     def shape(self, kept, arguments):
         """Returns the output of the command, which the file `kept` has if it was run before."""
@@ -347,6 +300,19 @@ class ModelsRun(Run):
             return self.read(file.read())
 
 
+class FirstPosesRun(ModelsRun):
+    """First poses of the medium tessellation of each shape in all scenes, and of each shape in the recordings of the next one."""
+
+    def output(self, arguments):
+        shapes = {name: [entry for entry in entries if entry["name"].endswith("-medium")]
+                  for name, entries in self.shapes(arguments).items()}
+        names = list(shapes)
+        following = dict(zip(names, names[1:] + names[:1], strict=True))
+        result = {scene: self.rows(arguments + ["--scene", scene], shapes) for scene in ("standard", "occluder", "moving-background")}
+        result["absent"] = self.rows(arguments, shapes, lambda shape: ["--shown", shapes[following[shape]][0]["name"]])
+        return result
+
+
 BENCH = ["evpose", "bench"]
 # Recordings that are not part of the project, in the folder EVPOSE_SHARED_DATA of CMake.
 REAL = os.path.join(cmake_value("EVPOSE_SHARED_DATA"), "real")
@@ -357,7 +323,11 @@ RUNS = [
     Run(["tests/bench/flicker.py"], [("--objects", "book"), ("--seeds", "1")], {"flicker": flicker}),
     # All tessellations of a shape are tracked on the same recordings.
     ModelsRun(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"], [("--seeds", "1"), ("--duration", "0.2")],
-        {"models": models}, setup=["tests/bench/models/generate.py", "build/bench-models"]),
+        {"models": models.models}, setup=["tests/bench/models/generate.py", "build/bench-models"]),
+    FirstPosesRun(BENCH + ["models", "--models", "build/bench-models", "--first-pose", "--seeds", "2", "--duration", "0.8", "--starts", "10",
+                           "--recordings", "build/bench-models/recordings-first-pose"],
+                  [("--seeds", "1"), ("--starts", "2")], {"models-first-pose": models.first_poses},
+                  setup=["tests/bench/models/generate.py", "build/bench-models"]),
     Run(BENCH + ["real", REAL, "--absent-starts", "8"], [("--starts", "3"), ("--parts", "present")], {"real": real}, needs=REAL),
     Run(["tests/bench/real/replays.py", "--bin", "build/release", REAL], [("--recording", "shapes_rotation")],
         {"real-replays": cameras.replays}, read=cameras.read, needs=REAL),

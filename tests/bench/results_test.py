@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The table of models in results.py, from runs with known figures."""
+"""The tables of models and of the page in results.py, from runs with known figures."""
 import unittest
 
-import results
-from result_tables import seeing
+from result_tables import models, seeing
 
 NO_POSE = float("nan")
 
@@ -20,7 +19,7 @@ def row(model, *runs):
 
 def cells(*rows):
     """The cells of the table's rows, by the titles of the columns."""
-    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in results.models({"models": list(rows)}).splitlines()]
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in models.models({"models": list(rows)}).splitlines()]
     return [dict(zip(lines[0], line, strict=True)) for line in lines[2:]]
 
 
@@ -51,6 +50,24 @@ class ModelsTableTest(unittest.TestCase):
         [line] = cells(row("cube-coarse", run(1, "kept", 0.001)), refused)
         self.assertEqual(line["kept"], "1 of 1; refused: 1")
         self.assertEqual(line["worst recording"], "seed 1, coarse")
+
+
+def start(right_us, wrong_at_us=-1, longest_wrong_us=0):
+    return {"moved_us": 10_000, "right_us": right_us, "wrong_at_us": wrong_at_us, "longest_wrong_us": longest_wrong_us}
+
+
+class FirstPosesTableTest(unittest.TestCase):
+    def test_each_scene_has_its_starts(self):
+        searches = [{"has_moved": True, "compute_s": 0.04}, {"has_moved": True, "compute_s": 0.09}, {"has_moved": False, "compute_s": 1.0}]
+        cube = {"model": "cube-medium", "searches": searches}
+        late, wrong = start(310_001), start(-1, 20_000, 31_000)
+        result = {"standard": [{**cube, "starts": [start(30_000), start(310_000), late]}, {"model": "mug-medium", "error": "refused"}],
+                  "occluder": [{**cube, "starts": [wrong]}], "absent": [{**cube, "starts": [start(-1), start(-1)]}]}
+        lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in models.first_poses(result).splitlines()]
+        self.assertEqual(lines[0][1:3], ["found, standard", "found, occluder"])
+        self.assertEqual(lines[2], ["cube", "2 of 3", "0 of 1", "160", "65 / 90", "0, 0", "1, 31", "0 of 2, 0"])
+        self.assertEqual(lines[3], ["mug", "0 of 0", "0 of 0", "-", "-", "0, 0", "0, 0", "0 of 0, 0"])
+        self.assertEqual(lines[4][1:3], ["2 of 3", "0 of 1"])
 
 
 class SeeingTablesTest(unittest.TestCase):
