@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The numbers by which the API and the store identify the values of an enumeration: from 1, in the order of the C++
-// enumeration. 0 is UNSPECIFIED. Files that use these functions assert that the last value has
-// the largest number of the API or the store.
+// enumeration. 0 is UNSPECIFIED. Files that use these functions assert that the last value has the largest number of
+// the API or the store.
 #pragma once
 
 #include <type_traits>

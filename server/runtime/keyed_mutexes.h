@@ -26,7 +26,8 @@ class KeyedMutexes {
   // Keeps the mutex of a key locked until it is destroyed. It may outlive the KeyedMutexes.
   using Lock = std::unique_ptr<std::mutex, Unlock>;
 
-  // Waits until no other lock of the key exists. An item of slow work leaves its place to wait.
+  // Waits until no other lock of the key exists. An item of slow work that has to wait leaves its place meanwhile
+  // (SlowExecutor::LeavePlaceToWait()).
   [[nodiscard]] Lock LockKey(const Key& key) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     std::shared_ptr<std::mutex> mutex = MutexOf(key);
     if (!mutex->try_lock()) {

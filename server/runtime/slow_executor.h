@@ -55,7 +55,7 @@ class SlowExecutor {
   // Numbers of items that run at a time.
   struct Places {
     int running = 1;      // at most one for each tenant
-    int long_items = 0;   // beside them: those that compute for long in OrCancelled(), and LeavePlaceToWait()
+    int long_items = 0;   // beside them: those that compute for long in OrCancelled(), or wait (LeavePlaceToWait())
     int overlapping = 0;  // beside them: those with Overlap::kAny
   };
 
@@ -119,7 +119,7 @@ class SlowExecutor {
     if (running_ != nullptr) running_->LeavePlace();
   }
 
-  // Longer than the creation of most sessions, and short against a person's patience.
+  // Longer than the creation of most sessions takes, and short compared with the time for which a person waits.
   static constexpr std::chrono::milliseconds kLongItem{50};
 
  private:

@@ -39,9 +39,9 @@ class WorkerPool {
     boost::asio::any_io_executor images;        // images()
   };
 
-  // `slow_threads`: number of items that run at a time in each of slow() and preparations(). With two, another tenant's
-  // item is delayed only while two other tenants have a running one; in slow() one that computes for long does not
-  // count (SlowExecutor::kLongItem), up to kMaxLongItems, and as many items with Overlap::kAny do not.
+  // `slow_threads`: number of items that run at a time in each of slow() and preparations(). With two, the item of a
+  // tenant waits only while two other tenants have a running one. In slow(), up to kMaxLongItems items that compute for
+  // long (SlowExecutor::kLongItem), and `slow_threads` items with Overlap::kAny, run beside these.
   explicit WorkerPool(int num_workers, int slow_threads = 2, FairScheduler::Options options = {})
       : threads_(std::make_unique<Threads>(3 * slow_threads + kMaxLongItems)),
         on_(threads_->executors()),

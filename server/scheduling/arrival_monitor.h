@@ -16,7 +16,7 @@ class ArrivalMonitor {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
-  // `kept_before`: the client may have kept the data of this time, because it had no server. It sends them at once.
+  // `kept_before`: duration of the data that the client may have kept while it had no server, and now sends at once.
   explicit ArrivalMonitor(std::chrono::seconds kept_before = std::chrono::seconds(0)) : kept_before_(kept_before) {}
 
   // An item that was received at `received_at` is processed, and with it the data up to this sensor time.

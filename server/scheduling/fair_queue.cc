@@ -34,7 +34,7 @@ constexpr double kLiveWeight = 7.0;
 constexpr int kMostTurnsByPriority = 15;
 // Time constant of CpuMeter::Rate(), seconds.
 constexpr double kMeanS = 1.0;
-// Time at the limit that an idle session or tenant may use at once.
+// A session or tenant that was idle may use at once the processor time that its limit permits in this time.
 constexpr std::chrono::milliseconds kBurst{100};
 
 double Seconds(std::chrono::nanoseconds duration) { return std::chrono::duration<double>(duration).count(); }
