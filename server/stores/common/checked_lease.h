@@ -55,7 +55,7 @@ class CheckedLease : public SessionLease {
 // The errors that all stores return in the same words.
 // CANCELLED: the store was destroyed before the request was processed.
 absl::Status StoreClosedError();
-// ABORTED: another holder has taken the session from the lease with this number.
+// ABORTED: another holder has acquired the session, which the lease with this number held.
 absl::Status FencedError(absl::string_view session, uint64_t fencing_number);
 // OUT_OF_RANGE: the store has lost the lease with this number, or commits of it.
 absl::Status RolledBackError(absl::string_view session, uint64_t fencing_number);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The interface of a store of models, sessions and poses (server/stores/README.md). The rest of the server sees only
-// this interface. Each kind of store is one class, and all kinds pass the tests of store_fixtures_testing.h.
+// The interface of a store of models, sessions and poses (server/stores/README.md). The rest of the server uses only
+// this interface. Each kind of store is one class, and the same tests run on all kinds (store_suite_test.cc).
 #pragma once
 
 #include <cstdint>
@@ -172,7 +172,7 @@ struct StoreGroup {
   std::string name;
   absl::Status health;              // at the last CheckHealth()
   std::optional<StoreUsage> usage;  // at the last Usage()
-  uint32_t parts = 0;               // of the store, which are distributed over all groups
+  uint32_t parts = 0;               // number of the store's parts (buckets of Redis) that the group has
   // Counts since the start: the commits that the group has completed, the sum of their durations, and
   // unreplicated_commits().
   uint64_t commits = 0;
@@ -194,7 +194,7 @@ class Store {
   virtual ~Store() = default;
 
   virtual StoreKind kind() const = 0;
-  // Several servers use the store, and each of them can take any session.
+  // Several servers use the store, and each of them can acquire any session.
   bool is_shared() const { return kind() == StoreKind::kRedis || kind() == StoreKind::kPostgresql; }
   bool outlives_process() const { return kind() != StoreKind::kMemory; }
 

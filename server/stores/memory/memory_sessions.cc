@@ -143,9 +143,9 @@ std::vector<std::string> MemorySessions::DeleteEnded(absl::Time ended_before) {
   const std::lock_guard lock(mutex_);
   std::vector<std::string> names = std::exchange(deleted_for_room_, {});
   for (auto session = contents_.sessions.begin(); session != contents_.sessions.end();) {
-    const bool goes = session->second.ended_at.has_value() && *session->second.ended_at < ended_before;
-    if (goes) names.push_back(session->first);
-    session = goes ? Erase(session) : std::next(session);
+    const bool is_deleted = session->second.ended_at.has_value() && *session->second.ended_at < ended_before;
+    if (is_deleted) names.push_back(session->first);
+    session = is_deleted ? Erase(session) : std::next(session);
   }
   return names;
 }

@@ -106,6 +106,7 @@ class PostgresConnection {
   bool IsAlive();
   // The number of the server's process for this connection, for pg_cancel_backend().
   int64_t process() const { return PQbackendPID(connection_.get()); }
+  // The version of the server: 10,000 times the major number plus the minor number, for example 150004 for 15.4.
   int version() const { return PQserverVersion(connection_.get()); }
 
  private:

@@ -24,7 +24,7 @@ WITH created AS (
   VALUES ($1, $2, $3, $4, $5, nextval('evpose.lifecycle_writes')) ON CONFLICT DO NOTHING RETURNING name)
 INSERT INTO evpose.leases (session, fencing, holder, last_commit, next_pose_seq, first_pose_seq_kept, size_bytes)
 SELECT name, nextval('evpose.fencing'), $6, 0, 1, 1, $7 FROM created RETURNING fencing)sql"};
-const PostgresStatement kPostgresTake = {"take", R"sql(
+const PostgresStatement kPostgresAcquire = {"acquire", R"sql(
 UPDATE evpose.leases SET fencing = nextval('evpose.fencing'), holder = $2, last_commit = 0 WHERE session = $1)sql"};
 const PostgresStatement kPostgresReadSession = {"read_session", R"sql(
 SELECT l.fencing, l.next_pose_seq, l.first_pose_seq_kept, s.record, s.lifecycle, l.checkpoint
@@ -102,7 +102,7 @@ std::vector<const PostgresStatement*> AllPostgresStatements() {
           &kPostgresCommit,
           &kPostgresLock,
           &kPostgresCreate,
-          &kPostgresTake,
+          &kPostgresAcquire,
           &kPostgresReadSession,
           &kPostgresReadPoses,
           &kPostgresReadTenant,

@@ -28,7 +28,7 @@ extern const PostgresStatement kPostgresLock;  // $1 session; the row of ParsePo
 // Parameters: name, tenant, request_id, record, lifecycle, holder, bytes of both records. Returns the fencing number;
 // no row when the session, or one of the same request_id, exists.
 extern const PostgresStatement kPostgresCreate;
-extern const PostgresStatement kPostgresTake;          // $1 session, $2 holder
+extern const PostgresStatement kPostgresAcquire;       // $1 session, $2 holder
 extern const PostgresStatement kPostgresReadSession;   // $1 session
 extern const PostgresStatement kPostgresReadPoses;     // $1 session, $2 the last pose that is not wanted
 extern const PostgresStatement kPostgresReadTenant;    // $1 session

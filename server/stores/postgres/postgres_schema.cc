@@ -91,8 +91,9 @@ absl::Status CheckServer(PostgresConnection& connection, absl::string_view addre
       address, " has fsync = ", fsync, ", and would lose acknowledged commits in a power failure: set it to on"));
 }
 
-// An application that stops in the middle of a transaction would keep its locks until its connection ends.
-// `remote_apply` waits longer than `on`, and is kept. A lock is held by another server during its commit.
+// `lock_timeout`: another server holds a lock during its commit. `idle_in_transaction_session_timeout`: a server that
+// stops in the middle of a transaction would otherwise keep its locks until its connection ends. `synchronous_commit`:
+// `remote_apply` waits longer than `on`, and is kept.
 const char* const kPostgresSettings = R"sql(
 SET standard_conforming_strings = on;
 SET client_min_messages = warning;

@@ -154,7 +154,7 @@ class PostgresStore : public Store {
       const uint64_t all = 0;
       EVPOSE_ASSIGN_OR_RETURN(const auto rows,
                               Transact(connection, {{.statement = &kPostgresLock, .values = {name}},
-                                                    {.statement = &kPostgresTake, .values = {name, holder}},
+                                                    {.statement = &kPostgresAcquire, .values = {name, holder}},
                                                     {.statement = &kPostgresReadSession, .values = {name}},
                                                     {.statement = &kPostgresReadPoses, .values = {name, all}}}));
       EVPOSE_ASSIGN_OR_RETURN(session, ParsePostgresSession(name, /*after_pose_seq=*/0, rows[3], rows[4]));

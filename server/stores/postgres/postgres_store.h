@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A store in PostgreSQL, which several servers share: each of them can take any session.
+// A store in PostgreSQL, which several servers share: each of them can acquire any session.
 #pragma once
 
 #include <memory>

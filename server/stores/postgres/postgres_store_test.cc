@@ -294,7 +294,7 @@ TEST_F(PostgresStoreFixture, CallsUseIndexes) {
       {&kPostgresOldestLifecycles, "100, 50"},
       {&kPostgresHasModel, "'m7', 't7'"},
       {&kPostgresLockEnded, "100, 50"},
-      {&kPostgresTake, "'s7', 'holder'"},
+      {&kPostgresAcquire, "'s7', 'holder'"},
       {&kPostgresDeletePoses, "'s7'"},
       {&kPostgresDeleteSession, "'s7'"},
   };

@@ -42,8 +42,8 @@ class PostgresWriter {
   void Process(std::vector<Job> jobs);
   void ProcessGroup(absl::Span<Job> group);
   absl::Status Connect();
-  // Writes a group in one transaction. An error means that none is known to be written, and that those of more than one
-  // may be repeated one by one unless `is_unknown`.
+  // Writes a group in one transaction. After an error, `is_unknown` is false if none of its commits was written: they
+  // can then be repeated one by one. It is true if they may have been written, or there is no connection.
   absl::Status WriteTogether(absl::Span<Job> group, Outcomes& outcomes, bool& is_unknown);
   absl::Status Transact(absl::Span<Job> group, Outcomes& outcomes);
 

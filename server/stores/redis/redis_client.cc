@@ -23,8 +23,8 @@ namespace {
 // bounds memory.
 constexpr size_t kMaxBatchBytes = 64u << 20;
 
-// A replica that receives a large command needs as many further waits, each of RedisClientOptions::replica_timeout, as
-// the command has times these bytes: 10 MB/s on a slow network.
+// A replica has one more wait of RedisClientOptions::replica_timeout, which is 1 s by default, for each of these bytes
+// of a large command: 10 MB/s on a slow network.
 constexpr size_t kBytesOfWait = 10u << 20;
 
 size_t SizeBytes(const RedisCommand& command) {

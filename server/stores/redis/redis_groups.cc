@@ -221,8 +221,8 @@ void RedisGroups::PushScript(RedisBucketCall call, Done done) {
                         RefreshSoon();
                         return done(MovingError(bucket));
                       }
-                      const auto taken = std::chrono::steady_clock::now() - begin;
-                      group.commit_us += static_cast<uint64_t>(absl::ToInt64Microseconds(absl::FromChrono(taken)));
+                      const auto duration = std::chrono::steady_clock::now() - begin;
+                      group.commit_us += static_cast<uint64_t>(absl::ToInt64Microseconds(absl::FromChrono(duration)));
                       ++group.commits;
                       done(std::move(reply));
                     });

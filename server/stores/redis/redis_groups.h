@@ -134,18 +134,22 @@ class RedisGroups {
     std::array<Bucket, kRedisBuckets> buckets;
   };
   struct RefreshRequest {
-    void done(const absl::Status&) const {}  // a refresh has no caller to be answered
+    void done(const absl::Status&) const {}  // JobThread calls it; nothing waits for a refresh
   };
 
   // Finds the buckets again, and makes those that no group has.
   absl::Status Refresh();
+  // Starts Refresh() on the thread of refresher_, unless it is about to start.
   void RefreshSoon();
   std::vector<Report> AskAll();
   // Writes the records of the store to the groups that lack them. `reports` are updated.
   absl::Status Join(std::vector<Report>& reports);
-  absl::Status Found(std::vector<Report>& reports);
+  // Writes the record of a new store to one group. `reports` are updated.
+  absl::Status CreateStore(std::vector<Report>& reports);
+  // Makes the buckets that no group has, if all groups have responded. `reports` are updated.
   absl::Status MakeMissingBuckets(std::vector<Report>& reports);
-  // Divide() of the buckets in these reports. Errors: UNAVAILABLE when a bucket is in no group.
+  // Returns the moves that Divide() must make for the buckets in these reports. Errors: UNAVAILABLE when a bucket is in
+  // no group.
   absl::StatusOr<std::vector<Move>> PlanMoves(const std::vector<Report>& reports) const;
   absl::Status MoveBucket(Move& move);
   // Copies the keys of a bucket that is moving or leaving, except its state.

@@ -23,7 +23,8 @@ namespace {
 
 // The number of sessions that are read in one round trip, one field each.
 constexpr size_t kSessionsPerRoundTrip = 1000;
-// A name of 256 on average fits to a request.
+// On average, one of 256 random names is in the bucket of a request. The probability that none of so many names is in
+// it is 1e-170.
 constexpr int kMaxDrawnNames = 100'000;
 
 // `owner`: TENANT\nREQUEST_ID.
@@ -219,7 +220,7 @@ class RedisStore : public Store {
 
   absl::StatusOr<std::vector<StoredSession>> ReadWithoutPoses(const std::vector<std::string>& names) const override {
     std::vector<RedisBucketCall> calls;
-    for (const std::string& name : names) calls.push_back(Reading(name, /*holder=*/"", kAfterAllPoses));
+    for (const std::string& name : names) calls.push_back(ReadCall(name, /*holder=*/"", kAfterAllPoses));
     const std::vector<absl::StatusOr<RedisReply>> replies = shared_->groups.CallAll(calls);
     std::vector<StoredSession> sessions;
     for (size_t i = 0; i < names.size(); ++i) {
@@ -413,6 +414,7 @@ class RedisStore : public Store {
       EVPOSE_RETURN_IF_ERROR(replies[i].status());
       if ((*replies[i])->type == REDIS_REPLY_NIL) {
         EVPOSE_RETURN_IF_ERROR(DeleteEntriesUnlessExists(names[i]).status());
+        continue;
       }
       auto record = decode(names[i], RedisText(replies[i]->get()));
       if (record.ok()) records.push_back(*std::move(record));
@@ -420,15 +422,15 @@ class RedisStore : public Store {
     return records;
   }
 
-  // Takes the session if there is a holder.
-  RedisBucketCall Reading(absl::string_view name, const std::string& holder, uint64_t after_pose_seq) const {
+  // The call that reads a session, and acquires its lease if `holder` is not empty.
+  RedisBucketCall ReadCall(absl::string_view name, const std::string& holder, uint64_t after_pose_seq) const {
     return OnSession(kRedisRead, name,
                      {holder.empty() ? "0" : "1", shared_->SafetyTtlMs(), std::to_string(after_pose_seq),
                       std::to_string(after_pose_seq + 1), holder},
                      holder.empty() ? Acknowledgement::kMaster : Acknowledgement::kReplica);
   }
   absl::StatusOr<RedisSession> Read(absl::string_view name, const std::string& holder, uint64_t after_pose_seq) const {
-    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->groups.Call(Reading(name, holder, after_pose_seq)));
+    EVPOSE_ASSIGN_OR_RETURN(const RedisReply reply, shared_->groups.Call(ReadCall(name, holder, after_pose_seq)));
     return ParseRedisSession(name, after_pose_seq, reply.get());
   }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// A store in Redis, which several servers share: each of them can take any session.
+// A store in Redis, which several servers share: each of them can acquire any session.
 #pragma once
 
 #include <cstdint>
@@ -18,8 +18,8 @@ struct RedisStoreOptions {
   RedisClientOptions client;  // of the only group
   // Several groups, among which the sessions are divided. Empty: one, that of `client`.
   std::vector<RedisGroupOptions> groups;
-  // Redis deletes a session that no server has written or taken for this time, so that nothing is left behind when all
-  // servers are gone.
+  // Redis deletes a session that no server has written or acquired for this time, so that nothing is left behind when
+  // all servers are gone.
   absl::Duration safety_ttl = absl::Hours(24 * 30);
   // The maximum number of pose segments of a session; the oldest are deleted beyond it. Bounds the stream when commits
   // do not raise first_pose_seq_kept.

@@ -79,7 +79,7 @@ std::vector<RedisGroups::Report> RedisGroups::AskAll() {
 
 absl::Status RedisGroups::Join(std::vector<Report>& reports) {
   if (std::all_of(reports.begin(), reports.end(), [](const Report& report) { return report.id.empty(); })) {
-    EVPOSE_RETURN_IF_ERROR(Found(reports));
+    EVPOSE_RETURN_IF_ERROR(CreateStore(reports));
   }
   const auto member = std::find_if(reports.begin(), reports.end(), [](const Report& one) { return !one.id.empty(); });
   const Group& of_member = *groups_[static_cast<size_t>(member - reports.begin())];
@@ -117,7 +117,7 @@ absl::Status RedisGroups::Join(std::vector<Report>& reports) {
   return absl::OkStatus();
 }
 
-absl::Status RedisGroups::Found(std::vector<Report>& reports) {
+absl::Status RedisGroups::CreateStore(std::vector<Report>& reports) {
   for (const Report& report : reports) EVPOSE_RETURN_IF_ERROR(report.status);
   // Choose the group with the smallest name: all servers then choose the same one, whatever the order of their files.
   size_t first = 0;

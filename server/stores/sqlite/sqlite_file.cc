@@ -32,9 +32,9 @@ const char* const kNewFileSettings = "PRAGMA page_size=16384; PRAGMA journal_mod
 const char* const kWriterSettings =
     "PRAGMA synchronous=FULL; PRAGMA wal_autocheckpoint=4096; PRAGMA journal_size_limit=134217728; "
     "PRAGMA cache_size=-16384";
-// The write-ahead log grows to this number of pages (64 MB), or to this part of a smaller store, before it is copied
-// into the file, so that checkpoints which are replaced soon are not copied. The log file is not truncated below twice
-// of that, so that sessions can be deleted also when the disk is full.
+// The write-ahead log grows to kMaxLogPages pages (64 MB), or in a smaller store to 1 / kLogShare of its pages, before
+// it is copied into the file, so that checkpoints which are replaced soon are not copied. The log file is not truncated
+// below twice that size, so that sessions can be deleted also when the disk is full.
 constexpr uint64_t kMaxLogPages = 4096;
 constexpr uint64_t kLogShare = 16;
 

@@ -93,8 +93,8 @@ absl::Status WritePoses(SqliteDatabase& database, absl::string_view session, con
   return absl::OkStatus();
 }
 
-absl::Status ForgetPoses(SqliteDatabase& database, absl::string_view session, const SessionCommit& commit,
-                         SqliteSessionState& state) {
+absl::Status DeleteOldPoses(SqliteDatabase& database, absl::string_view session, const SessionCommit& commit,
+                            SqliteSessionState& state) {
   if (commit.poses.empty() && commit.first_pose_seq_kept <= state.first_pose_seq_kept) return absl::OkStatus();
   state.first_pose_seq_kept = std::max(state.first_pose_seq_kept, commit.first_pose_seq_kept);
   return database.Query("DELETE FROM poses WHERE session = ?1 AND first_pose_seq < ?2 AND last_pose_seq < ?2")
@@ -201,7 +201,7 @@ absl::Status SqliteWriteParts(SqliteDatabase& database, absl::string_view sessio
   }
   if (commit.ended_at.has_value()) state.ended_at_ns = absl::ToUnixNanos(*commit.ended_at);
   EVPOSE_RETURN_IF_ERROR(WritePoses(database, session, commit.poses, next_pose_seq, state));
-  return ForgetPoses(database, session, commit, state);
+  return DeleteOldPoses(database, session, commit, state);
 }
 
 absl::StatusOr<SqliteSession> SqliteReadSession(SqliteDatabase& database, absl::string_view session,

@@ -81,8 +81,8 @@ bool HasIndexes(SqliteDatabase& database) {
   return database.Query("SELECT 1 FROM pragma_table_info('sessions') WHERE name = 'tenant'").Next();
 }
 
-// Returns whether the columns for the indexes are those of the record. A rescued file gets them from the record.
-bool IsOwnerGood(SqliteDatabase& database, const SessionRecord& record) {
+// Returns whether the columns for the indexes have the values of the record. A rescued file gets them from the record.
+bool MatchesIndexColumns(SqliteDatabase& database, const SessionRecord& record) {
   SqliteQuery query = database.Query("SELECT tenant, request_id FROM sessions WHERE name = ?");
   query.Text(record.name);
   return query.Next() && query.TextAt(0) == record.tenant && query.TextAt(1) == record.request_id;
@@ -113,7 +113,7 @@ void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
     const auto session = SqliteReadSession(database, name, /*after_pose_seq=*/0);
     if (session.ok()) {
       contents.sessions.push_back(name);
-      if (has_indexes && !IsOwnerGood(database, session->stored.record)) {
+      if (has_indexes && !MatchesIndexColumns(database, session->stored.record)) {
         contents.damage.push_back(absl::StrCat("the index of session ", Printable(name), ": was made again"));
       }
       contents.last_fencing_number = std::max(contents.last_fencing_number, session->state.fencing_number);
