@@ -132,8 +132,8 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeRequest(const Ses
   lock = session_mutexes_.LockKey(record->name);
   // A stream may have attached to it since the request was searched for.
   if (auto here = FindOpen(request.first, record->name); here != nullptr) return here;
-  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed taken, factory_.Resume(record->name));
-  return std::move(taken.session);
+  EVPOSE_ASSIGN_OR_RETURN(SessionFactory::Resumed resumed, factory_.Resume(record->name));
+  return std::move(resumed.session);
 }
 
 uint32_t SessionManager::CountSessions(const std::string& tenant) const {

@@ -86,24 +86,24 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::ResumeForAttach(const s
     const std::lock_guard lock(mutex_);
     EVPOSE_RETURN_IF_ERROR(ReserveSlot(tenant));
   }
-  auto taken = Resume(name, here == nullptr ? &tenant : nullptr);
-  if (taken.ok() && here != nullptr) {
+  auto resumed = Resume(name, here == nullptr ? &tenant : nullptr);
+  if (resumed.ok() && here != nullptr) {
     here->Close(WithReason(absl::AbortedError(absl::StrCat("another stream has attached to ", name)), v1::FENCED));
   }
-  return taken;
+  return resumed;
 }
 
 absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::string& name, const std::string* slot_of) {
-  auto taken = OrOutOfMemory([&] { return factory_.Resume(name); });
+  auto resumed = OrOutOfMemory([&] { return factory_.Resume(name); });
   {
     const std::lock_guard lock(mutex_);
     if (slot_of != nullptr) ReleaseSlot(*slot_of);
-    if (!taken.ok()) return taken.status();
-    Insert(taken->session, Request(taken->record.tenant, taken->record.request_id));
+    if (!resumed.ok()) return resumed.status();
+    Insert(resumed->session, Request(resumed->record.tenant, resumed->record.request_id));
   }
-  const WatchView view = taken->session->Watch();
-  taken->session->log().Resumed(view.last_pose_seq, view.ended);
-  return std::move(taken->session);
+  const WatchView view = resumed->session->Watch();
+  resumed->session->log().Resumed(view.last_pose_seq, view.ended);
+  return std::move(resumed->session);
 }
 
 }  // namespace evpose::server

@@ -14,7 +14,7 @@ namespace evpose::server {
 namespace {
 
 // The slice after which the readers are notified and the session may stop: at most about 6 MB of decoded events,
-// whatever the encoding. Slices of an expensive session are shorter: it would take seconds for so many bytes. A slice
+// whatever the encoding. An expensive session would take seconds for so many bytes, so its slices are shorter. A slice
 // that took longer than kLongSlice is halved, and one that took less than kShortSlice doubled: between them, by more
 // than a factor of two, the size does not alternate.
 constexpr size_t kMaxSliceBytes = size_t{16} * 1024;

@@ -11,7 +11,7 @@
 namespace evpose::server {
 namespace {
 
-// What each tenant may have of the bytes of responses although the server has no more: some hundred small ones.
+// Bytes of responses that each tenant may have even if the limit of the server is reached: some hundred small ones.
 constexpr uint64_t kOwnResponseBytes = 4u << 20;
 
 uint64_t Sum(const std::map<std::string, uint64_t>& counts) {

@@ -27,7 +27,7 @@ class TenantQuotas {
     uint32_t max_streams = 8192;  // Track and Watch streams
     uint32_t max_streams_of_server = 8192;
     uint32_t max_watchers = 4096;
-    // Bytes of the responses that their clients have not taken yet; all tenants together may have twice as many.
+    // Bytes of the responses that their clients have not read yet; all tenants together may have twice as many.
     uint64_t max_response_bytes = 64u << 20;
     uint32_t max_health_per_s = 0;  // messages to all watchers of health of a tenant; 0: no limit
     uint64_t max_bytes_per_s = 0;   // sum over all Track streams of a tenant; 0: no limit
@@ -44,8 +44,9 @@ class TenantQuotas {
   absl::StatusOr<std::shared_ptr<const void>> AddWatcher(const std::string& tenant);
 
   // Counts the memory of a response of the tenant until the result is destroyed. A tenant without another response is
-  // never refused, and one with few bytes only for its own limit, so that the tenants that do not read their responses
-  // exclude no other one. Errors: RESOURCE_EXHAUSTED (TENANT_QUOTA).
+  // never refused. While all tenants together have reached the limit of the server, a tenant is refused only above
+  // kOwnResponseBytes (4 MiB). So tenants that do not read their responses exclude no other one. Errors:
+  // RESOURCE_EXHAUSTED (TENANT_QUOTA).
   absl::StatusOr<std::shared_ptr<const void>> AddResponse(const std::string& tenant, uint64_t bytes);
 
   // Counts a watcher of health of the tenant until the result is destroyed, in addition to AddWatcher().

@@ -169,8 +169,7 @@ void SessionCommitter::RecordDuration() {
   // An outage is logged as session_waits_for_store.
   if (!is_slow_ || was_slow || progress_.is_store_unavailable) return;
   const SessionCommit& commit = in_flight_.commit;
-  uint64_t bytes = commit.checkpoint.has_value() ? commit.checkpoint->size() : 0;
-  for (const PoseSegment& segment : commit.poses) bytes += segment.bytes.size();
+  const uint64_t bytes = (commit.checkpoint.has_value() ? commit.checkpoint->size() : 0) + SizeBytes(commit.poses);
   RunUnlessOutOfMemory([&] { log_->CommitSlow(absl::FromChrono(duration), bytes); });
 }
 

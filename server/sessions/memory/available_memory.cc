@@ -23,7 +23,8 @@ uint64_t ReadLimit(const std::filesystem::path& file) {
   return absl::SimpleAtoi(text, &limit) ? limit : UINT64_MAX;
 }
 
-// Paths of the process's control groups, from lines such as "0::/system.slice/evpose.service" and "4:memory:/docker/x".
+// Path of the process's control group for memory, from a line such as "0::/system.slice/evpose.service" or
+// "4:memory:/docker/x".
 std::string MemoryGroupOf(const std::string& root) {
   std::ifstream file(root + "/proc/self/cgroup");
   std::string line;

@@ -86,7 +86,7 @@ void MemoryBudget::Add(Part& part, uint64_t bytes) {
 }
 
 absl::Status MemoryBudget::Check(const std::string& tenant, uint64_t bytes) const {
-  // Sessions that were charged beyond the limit may have taken more than it.
+  // Sessions that were charged beyond the limit may have taken more than that.
   const auto fits = [bytes](uint64_t taken, uint64_t limit) { return taken <= limit && bytes <= limit - taken; };
   if (!fits(charged_bytes_, options_.max_bytes)) {
     options_.metrics->quota_refusals[QuotaLimit::kSessionMemory].Add();

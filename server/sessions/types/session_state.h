@@ -33,6 +33,7 @@ struct ProcessingHealth {
   double tenant_cpu_per_s = 0.0;      // as cpu_per_s, of all sessions of the tenant
   double max_tenant_cpu_per_s = 0.0;  // limit of tenant_cpu_per_s; 0: none
 };
+// As SessionHealth of the API.
 struct SessionHealth {
   int64_t t_us = 0;
   uint64_t received_bytes = 0;
@@ -101,7 +102,7 @@ struct StreamPosition {
   std::vector<TrackState> reported_states;
   int64_t first_t_us = -1;  // -1: no time has been seen
   int64_t now_us = -1;
-  int64_t slice_end_us = 0;
+  int64_t slice_end_us = 0;  // of the present slice of 1 ms: changes of state are reported at its end
 
   friend bool operator==(const StreamPosition&, const StreamPosition&) = default;
 };

@@ -111,8 +111,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   void UpdateCanvases(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   Canvas* Find(int cell_px) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Close(const Reader* reader);
-  // Tells the readers of the canvases that are due to take an image. Makes and joins none, because turns and the timer
-  // call it.
+  // Notifies the readers of the canvases that are due. Makes and joins no image, because turns and the timer call it.
   void MarkDueImages(Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void MarkReaders(const Canvas& canvas, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
@@ -140,7 +139,7 @@ class EventImages : public std::enable_shared_from_this<EventImages> {
   const std::shared_ptr<ServerMetrics> metrics_;
   const std::shared_ptr<Watchers> watchers_;
   std::atomic<uint32_t> num_readers_ = 0;
-  std::mutex taking_mutex_;  // of the reader that takes an image; is taken before mutex_
+  std::mutex taking_mutex_;  // held by the reader that takes an image; locked before mutex_
   mutable std::mutex mutex_;
   bool has_finished_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<Reader*> readers_ ABSL_GUARDED_BY(mutex_);
