@@ -28,7 +28,7 @@ constexpr uint32_t kMaxDefaultConnections = 4096;
 // Connections leave this many descriptors, or a quarter if that is less, to the rest of the process, so that its pages
 // and its store keep working.
 constexpr rlim_t kReservedDescriptors = 64;
-// Short against all timeouts of connections, and seldom enough to cost nothing.
+// Short against all timeouts of connections, and rare enough to cost nothing.
 constexpr std::chrono::seconds kMaintenancePeriod(1);
 // Time between two lines of the log about refused connections, because a flood has many of them.
 constexpr std::chrono::minutes kRefusalLogPeriod(1);

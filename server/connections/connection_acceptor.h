@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Accepts the connections of the server and hands their descriptors to gRPC. The listener of gRPC 1.51 has no limit of
-// connections, and it stops for ever when the process has no descriptor left once (CVE-2023-4785).
+// connections, and it stops for ever when an attempt to accept finds no free descriptor (CVE-2023-4785).
 #pragma once
 
 #include <atomic>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Returns memory to the kernel after connections have been closed. malloc keeps what many small allocations of a
-// transport have taken, as those for HTTP/2 streams that are reset at once.
+// Returns memory to the kernel after connections have been closed. malloc keeps the memory of many small
+// allocations of a transport, for example of HTTP/2 streams that are reset at once.
 #pragma once
 
 #include <cstddef>

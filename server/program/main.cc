@@ -290,16 +290,16 @@ int Serve(const ProgramOptions& options) {
   Announce(options, listening_on, pages->get(), load->get());
 
   const int signal_number = WaitForEndSignal();
-  bool is_asked = signal_number == DrainSignal();
-  if (!is_asked && options.shutdown_notice > absl::ZeroDuration()) {
+  bool was_drain_called = signal_number == DrainSignal();
+  if (!was_drain_called && options.shutdown_notice > absl::ZeroDuration()) {
     Log(LogLevel::kInfo, "server_leaving",
         {{"why", absl::StrCat("signal ", signal_number)}, {"notice", absl::FormatDuration(options.shutdown_notice)}});
     (*server)->AnnounceShutdown();
-    is_asked = WaitForBalancers(options.shutdown_notice);
+    was_drain_called = WaitForBalancers(options.shutdown_notice);
   }
-  const absl::Duration deadline = is_asked ? drained.get_future().get() : server_options.drain_timeout;
+  const absl::Duration deadline = was_drain_called ? drained.get_future().get() : server_options.drain_timeout;
   Log(LogLevel::kInfo, "server_draining",
-      {{"why", is_asked ? "Drain was called" : absl::StrCat("signal ", signal_number)},
+      {{"why", was_drain_called ? "Drain was called" : absl::StrCat("signal ", signal_number)},
        {"timeout", absl::FormatDuration(deadline)}});
   (*server)->Shutdown(deadline);
   Log(LogLevel::kInfo, "server_stopped", {{"message", "all streams are finished"}});

@@ -360,7 +360,8 @@ absl::Status CheckLoadAddress(const ProgramOptions& options) {
   return absl::OkStatus();
 }
 
-// Copies what the options do not have as on the command line: seconds, and a default that depends on other options.
+// Copies the values that have another form on the command line: durations in seconds, and a default that depends on
+// other options.
 void TakeValues(const Arguments& arguments, ServerOptions& options) {
   options.max_session_memory =
       arguments.max_session_memory.value_or(DefaultSessionMemory(options, AvailableMemoryBytes()));

@@ -154,7 +154,7 @@ absl::Status CheckDuration(absl::string_view field, absl::Duration duration);
 
 class Server {
  public:
-  // Starts a server. It restores the sessions of its store while it serves: in order, or when a client first uses one.
+  // Starts a server. It restores a session of its store when a client first uses it.
   // Errors: INVALID_ARGUMENT for the options; those of OpenStore(), TlsFiles and TokenFile; UNAVAILABLE with address
   // and cause when the server cannot listen.
   static absl::StatusOr<std::unique_ptr<Server>> Start(const ServerOptions& options);

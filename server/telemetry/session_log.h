@@ -51,8 +51,8 @@ class SessionLog {
         limiter_(std::move(limiter)) {}
 
   // Makes the limiter of all sessions of a server. A tenant can cause any number of most of these lines, for example by
-  // attaching again and again. At each event it has enough for the sessions of a large server at once; errors have no
-  // limit.
+  // attaching again and again. For each event, the burst is enough for all sessions of a large server at once; errors
+  // have no limit.
   static std::shared_ptr<LogLimiter> MakeLimiter();
 
   const std::string& session() const { return session_; }

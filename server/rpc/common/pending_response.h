@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Bounds what the responses of calls with one response take while their clients do not read them. gRPC keeps the
-// message and its serialized bytes until the client takes them, and a client may grant no window of HTTP/2 for that.
+// Bounds the memory of responses that clients do not read, for calls with one response. gRPC keeps the message and its
+// serialized bytes until the client reads them, and a client may grant no window of HTTP/2 for that.
 #pragma once
 
 #include <google/protobuf/message.h>

@@ -21,8 +21,8 @@ struct SqliteStoreOptions {
 };
 
 // Opens the store, and checks all records of a file that is not too large, or in which damage has been read; damage()
-// lists those that are skipped. Errors: those of DataDirectory::Open()
-// and OpenSqliteFile(), written for the operator of the server.
+// lists those that are skipped. Errors: those of DataDirectory::Open() and OpenSqliteFile(), written for the operator
+// of the server.
 absl::StatusOr<std::unique_ptr<Store>> OpenSqliteStore(const SqliteStoreOptions& options);
 
 }  // namespace evpose::server
