@@ -41,7 +41,7 @@ class HttpConnection {
     for (char piece[4096];;) {
       pollfd waiting = {.fd = socket_.native_handle(), .events = POLLIN, .revents = 0};
       if (poll(&waiting, 1, kPatienceMs) != 1) {
-        ADD_FAILURE() << "the server does not answer";
+        ADD_FAILURE() << "the server does not respond";
         return bytes;
       }
       const ssize_t size = recv(socket_.native_handle(), piece, sizeof(piece), 0);

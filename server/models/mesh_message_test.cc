@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/byte_order.h"
 #include "evpose/v1/mesh.pb.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -19,10 +20,6 @@ namespace {
 using testing::HasSubstr;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-
-absl::Span<const uint8_t> AsBytes(const std::string& text) {
-  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
-}
 
 absl::StatusOr<RawMesh> Parse(const v1::Mesh& mesh, size_t max_triangles = 100) {
   const std::string bytes = mesh.SerializeAsString();
@@ -196,7 +193,7 @@ TEST(MeshMessageTest, LimitsAndMalformedBytesAreErrors) {
   EXPECT_THAT(std::string(ParseMesh(AsBytes("\xff"), 4).status().message()), HasSubstr("is not a serialized Mesh"));
 }
 
-// A closed box of two unit squares' size, to be read in another unit.
+// A closed box with sides of 1, 2 and 3, to be read in another unit.
 RawMesh Box() {
   RawMesh mesh;
   for (int i = 0; i < 8; ++i) mesh.points.push_back({i & 1 ? 1.0 : 0.0, i & 2 ? 2.0 : 0.0, i & 4 ? 3.0 : 0.0});

@@ -25,35 +25,35 @@ using grpc::health::v1::HealthCheckRequest;
 using grpc::health::v1::HealthCheckResponse;
 using testing::HasSubstr;
 
-struct Answer {
+struct Result {
   int status = -1;
   std::string text;  // standard output and error
 };
 
 // `environment`: assignments as before a command in a shell.
-Answer Check(const std::string& arguments, const std::string& environment = "") {
+Result Check(const std::string& arguments, const std::string& environment = "") {
   FILE* const pipe = popen((environment + " " + EVPOSE_HEALTH_CHECK + " " + arguments + " 2>&1").c_str(), "r");
-  Answer answer;
-  for (int c = fgetc(pipe); c != EOF; c = fgetc(pipe)) answer.text.push_back(static_cast<char>(c));
+  Result result;
+  for (int c = fgetc(pipe); c != EOF; c = fgetc(pipe)) result.text.push_back(static_cast<char>(c));
   const int status = pclose(pipe);
-  if (WIFEXITED(status)) answer.status = WEXITSTATUS(status);
-  return answer;
+  if (WIFEXITED(status)) result.status = WEXITSTATUS(status);
+  return result;
 }
 
-void ExpectHealthy(const Answer& answer) {
-  EXPECT_EQ(answer.status, 0);
-  EXPECT_EQ(answer.text, "");
+void ExpectHealthy(const Result& result) {
+  EXPECT_EQ(result.status, 0);
+  EXPECT_EQ(result.text, "");
 }
 
-void ExpectOneLine(const Answer& answer, int status, const std::string& expected) {
-  EXPECT_EQ(answer.status, status) << answer.text;
-  EXPECT_THAT(answer.text, HasSubstr(expected));
-  EXPECT_THAT(answer.text, testing::StartsWith("evpose-health-check: "));
-  EXPECT_THAT(answer.text, testing::EndsWith("\n"));
-  EXPECT_EQ(std::count(answer.text.begin(), answer.text.end(), '\n'), 1) << answer.text;
+void ExpectOneLine(const Result& result, int status, const std::string& expected) {
+  EXPECT_EQ(result.status, status) << result.text;
+  EXPECT_THAT(result.text, HasSubstr(expected));
+  EXPECT_THAT(result.text, testing::StartsWith("evpose-health-check: "));
+  EXPECT_THAT(result.text, testing::EndsWith("\n"));
+  EXPECT_EQ(std::count(result.text.begin(), result.text.end(), '\n'), 1) << result.text;
 }
 
-// A server whose health service is `service`.
+// Reports the same status for every check.
 class ScriptedHealth final : public grpc::health::v1::Health::Service {
  public:
   explicit ScriptedHealth(HealthCheckResponse::ServingStatus status) : status_(status) {}
@@ -66,6 +66,7 @@ class ScriptedHealth final : public grpc::health::v1::Health::Service {
   const HealthCheckResponse::ServingStatus status_;
 };
 
+// A gRPC server with this service, on a free port.
 struct ScriptedServer {
   explicit ScriptedServer(grpc::Service& service) {
     grpc::ServerBuilder builder;
@@ -145,7 +146,7 @@ TEST(HealthCheckTest, WrongUsage) {
   EXPECT_EQ(Check("--timeout 0 127.0.0.1:1").status, 2);
   ExpectOneLine(Check("--timeout nan 127.0.0.1:1"), 2, "--timeout: is not a number");
   EXPECT_EQ(Check("--no-such-option").status, 2);
-  const Answer help = Check("--help");
+  const Result help = Check("--help");
   EXPECT_EQ(help.status, 0);
   EXPECT_THAT(help.text, HasSubstr("evpose-health-check 127.0.0.1:50051"));
 }

@@ -388,7 +388,7 @@ TEST(ProgramTest, ReportsWrongUsageOfThePoseLog) {
   EXPECT_THAT(program.Stderr(), testing::HasSubstr("--pose-log-bytes: is 4; give at least 500000"));
 }
 
-TEST(ProgramTest, TellsItsLoad) {
+TEST(ProgramTest, ReportsItsLoad) {
   Program program({"--listen", "127.0.0.1:0", "--load-listen", "127.0.0.1:0"});
   program.Announced("listening on 127.0.0.1:");
   const int port = PortOf(program.Announced("load on 127.0.0.1:"));

@@ -270,8 +270,8 @@ TEST_F(IdleTest, AnAttachedStreamWithoutMessagesEndsAndItsSessionContinues) {
   EXPECT_EQ(Describe(track->Finish()), "OK");
 }
 
-// Signs of life have no effect but that the stream stays open: the poses are those of the events alone.
-TEST_F(IdleTest, SignsOfLifeKeepAStreamOpen) {
+// Keepalive chunks only keep the stream open: the poses are those of the events alone.
+TEST_F(IdleTest, KeepaliveChunksKeepAStreamOpen) {
   ServerOptions options = Options();
   options.stream_idle_timeout = absl::Milliseconds(500);
   server_ = StartServer(options, FakeTrackers(gate_)).value();
@@ -279,14 +279,14 @@ TEST_F(IdleTest, SignsOfLifeKeepAStreamOpen) {
   const auto track = Attached(CreateSession());
   const auto silent = Attached(CreateSession());  // it would end after the other one
   auto silent_end = std::async(std::launch::async, [&silent] { return silent->Finish(); });
-  v1::TrackRequest sign_of_life;
-  sign_of_life.mutable_events();
+  v1::TrackRequest keepalive;
+  keepalive.mutable_events();
   while (silent_end.wait_for(std::chrono::seconds(0)) != std::future_status::ready) {
-    ASSERT_TRUE(track->Write(sign_of_life));
+    ASSERT_TRUE(track->Write(keepalive));
   }
   EXPECT_EQ(Describe(silent_end.get()), "DEADLINE_EXCEEDED STREAM_IDLE");
   EXPECT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
-  ASSERT_TRUE(track->Write(sign_of_life));
+  ASSERT_TRUE(track->Write(keepalive));
   EXPECT_TRUE(track->End());
   v1::TrackResponse response;
   ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kSummary, response));

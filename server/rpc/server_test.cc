@@ -295,9 +295,9 @@ TEST_F(ServerTest, ReturnsServerInfo) {
 }
 
 TEST_F(ServerTest, DrainNotifiesTheStreamsAndTheProgram) {
-  std::vector<absl::Duration> told;
+  std::vector<absl::Duration> deadlines;
   ServerOptions options = Options();
-  options.on_drain = [&told](absl::Duration deadline) { told.push_back(deadline); };
+  options.on_drain = [&deadlines](absl::Duration deadline) { deadlines.push_back(deadline); };
   Connect(options);
   const auto track = Attached(CreateSession());
   const v1::CreateSessionRequest create = CreateRequest();
@@ -310,17 +310,17 @@ TEST_F(ServerTest, DrainNotifiesTheStreamsAndTheProgram) {
   };
   request.mutable_timeout()->set_nanos(-1);
   EXPECT_EQ(drain(), "INVALID_ARGUMENT timeout");
-  EXPECT_TRUE(told.empty());
+  EXPECT_TRUE(deadlines.empty());
   request.mutable_timeout()->set_nanos(0);
   request.mutable_timeout()->set_seconds(7);
   EXPECT_EQ(drain(), "OK");
   EXPECT_EQ(response.remaining_sessions(), 1u);
   EXPECT_EQ(drain(), "OK");
-  EXPECT_THAT(told, testing::ElementsAre(absl::Seconds(7))) << "the callback runs once";
+  EXPECT_THAT(deadlines, testing::ElementsAre(absl::Seconds(7))) << "the callback runs once";
   EXPECT_EQ(Describe(unattached.Finish()), "UNAVAILABLE DRAINING");
-  v1::TrackResponse answer;
-  ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kNotice, answer));
-  EXPECT_EQ(answer.notice().go_away().deadline().seconds(), 7);
+  v1::TrackResponse notice;
+  ASSERT_TRUE(track->ReadUntil(v1::TrackResponse::kNotice, notice));
+  EXPECT_EQ(notice.notice().go_away().deadline().seconds(), 7);
   CreatedSession refused;
   EXPECT_EQ(Describe(Create(create, &refused)), "UNAVAILABLE DRAINING");
   track->End();
@@ -365,15 +365,15 @@ std::string ListServicesByReflection(const std::shared_ptr<grpc::Channel>& chann
   const grpc::Slice list_services("\x3a\x01*");  // field 7, a string
   call->Write(grpc::ByteBuffer(&list_services, 1), nullptr);
   EXPECT_TRUE(wait());
-  grpc::ByteBuffer answer;
-  call->Read(&answer, nullptr);
+  grpc::ByteBuffer response;
+  call->Read(&response, nullptr);
   EXPECT_TRUE(wait());
   grpc::Status status;
   context.TryCancel();
   call->Finish(&status, nullptr);
   wait();
   grpc::Slice bytes;
-  EXPECT_TRUE(answer.DumpToSingleSlice(&bytes).ok());
+  EXPECT_TRUE(response.DumpToSingleSlice(&bytes).ok());
   return std::string(reinterpret_cast<const char*>(bytes.begin()), bytes.size());
 }
 

@@ -111,10 +111,10 @@ class StoreErrorsTest : public RpcTest {
     ASSERT_TRUE(track.ReadUntil(Kind::kAck, response));
   }
   // The final status of a stream that is open while the store returns this error.
-  grpc::Status TrackError(const absl::Status& answer) {
+  grpc::Status TrackError(const absl::Status& error) {
     const CreatedSession session = CreateSession();
     const auto track = Attached(session);
-    fault_->Set(answer);
+    fault_->Set(error);
     EXPECT_TRUE(track->Events(1, Flat64(SomeEvents(1, 11))));
     return track->Finish();
   }
@@ -242,8 +242,8 @@ TEST_F(StoreErrorsTest, CallsThatNeedAStoreThatIsFullOrFails) {
   CreatedSession ignored;
   v1::Model unused, uploaded;
   ASSERT_EQ(Describe(Upload(UploadRequests(std::string("# unused\n") + kCubeObj), &unused)), "OK");
-  for (const auto& [answer, error] : FullAndFailing()) {
-    fault_->Set(answer);
+  for (const auto& [fault, error] : FullAndFailing()) {
+    fault_->Set(fault);
     EXPECT_EQ(Describe(Create(request, &ignored)), error);
     EXPECT_EQ(Describe(Upload(UploadRequests(std::string("# other\n") + kCubeObj), &uploaded)), error);
     EXPECT_EQ(DeleteModelError(unused.name()), error);
@@ -286,12 +286,12 @@ TEST_F(StoreErrorsTest, AnotherServerFencesTheStreamAndTheWatchers) {
 }
 
 TEST_F(StoreErrorsTest, WatchersReceiveTheErrorThatEndsTheirSession) {
-  for (const auto& [answer, error] : FullAndFailing()) {
+  for (const auto& [fault, error] : FullAndFailing()) {
     const CreatedSession session = CreateSession();
     const auto track = Attached(session);
     MakePoses(*track);
     const Watchers watchers(*sessions_, session.name());
-    fault_->Set(answer);
+    fault_->Set(fault);
     (void)track->Events(2, Flat64(SomeEvents(11, 1200, 1)));  // enough for a checkpoint, unless one has failed already
     EXPECT_EQ(watchers.Errors(), absl::StrCat(error, ", ", error));
     EXPECT_EQ(Describe(track->Finish()), error);
@@ -462,8 +462,8 @@ TEST_F(StoreErrorsTest, WatchersAtAnotherServerReceiveErrorsOfTheStore) {
   fault_->Set(absl::UnavailableError("gone"));
   EXPECT_EQ(WatchError(session.name()), "UNAVAILABLE STORE_UNAVAILABLE");
   // In the second case the store also fails when the server asks for the tenant of the damaged session.
-  for (const absl::Status& answer : {absl::InternalError("bad page"), absl::DataLossError("bad page")}) {
-    fault_->Set(answer);
+  for (const absl::Status& fault : {absl::InternalError("bad page"), absl::DataLossError("bad page")}) {
+    fault_->Set(fault);
     EXPECT_EQ(WatchError(session.name()), "INTERNAL STORE_FAILED");
     EXPECT_EQ(GetError(session.name()), "INTERNAL STORE_FAILED");
     EXPECT_EQ(ListError(), "INTERNAL STORE_FAILED");

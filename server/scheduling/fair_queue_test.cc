@@ -133,7 +133,7 @@ TEST_F(FairQueueTest, ACameraThatIsLateContinuesBesideOthersThatTakeAllTheTime) 
   EXPECT_EQ(of_late, 100);
 }
 
-// What a session has used by its priority is not held against it afterwards.
+// The time that a session used by its priority does not reduce its share afterwards.
 TEST_F(FairQueueTest, ACameraThatHasJustLostItsPriorityDoesNotWait) {
   SessionShare& late = AddSession("", true);
   SessionShare& camera = AddSession("", false);

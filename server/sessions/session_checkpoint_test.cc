@@ -250,9 +250,10 @@ TEST_F(SessionCheckpointTest, TheUseOfATokenIsPersisted) {
 }
 
 TEST_F(SessionCheckpointTest, ARenewedTokenIsDurable) {
-  std::promise<std::string> answer;
-  session_->RenewToken([&answer](absl::StatusOr<std::string> token) { answer.set_value(*std::move(token)); });
-  const std::string renewed = answer.get_future().get();
+  std::promise<std::string> renewed_token;
+  session_->RenewToken(
+      [&renewed_token](absl::StatusOr<std::string> token) { renewed_token.set_value(*std::move(token)); });
+  const std::string renewed = renewed_token.get_future().get();
   RestartServer();
   EXPECT_TRUE(session_->IsTokenValid(renewed));
   EXPECT_TRUE(session_->IsTokenValid("first")) << "until the new one is used";

@@ -65,7 +65,7 @@ TEST_F(SessionMoveTest, AnExpiredCopyDoesNotDeleteASessionThatHasMoved) {
   now_ += absl::Minutes(2);
   one->DeleteExpired();
   EXPECT_EQ(one->num_sessions(), 0u);
-  SlowWorkIsDone();
+  AwaitSlowWork();
   ASSERT_TRUE(store_->ReadSession(name).ok());
   Track(at_two, second, 2);
   EXPECT_TRUE(at_two->Watch().status.ok());
@@ -73,7 +73,7 @@ TEST_F(SessionMoveTest, AnExpiredCopyDoesNotDeleteASessionThatHasMoved) {
   // The server that holds the session deletes it.
   now_ += absl::Minutes(2);
   two->DeleteExpired();
-  SlowWorkIsDone();
+  AwaitSlowWork();
   EXPECT_TRUE(absl::IsNotFound(store_->ReadSession(name).status()));
   Kill(one);
   Kill(two);
@@ -88,16 +88,16 @@ TEST_F(SessionMoveTest, OrphanedSessionsAreDeletedByAnotherServer) {
   const auto session = Create(busy);
   const Attachment attachment = Attach(session, session->resume_token());  // without events
   Server other = Open(/*shares_store=*/true);
-  const auto tend = [&] {
+  const auto maintain = [&] {
     now_ += absl::Seconds(30);
     busy->MaintainStore();
     Until(session, [&session] { return session->IsFlushed(); });
     other->MaintainStore();
-    SlowWorkIsDone();
+    AwaitSlowWork();
   };
-  for (int i = 0; i < 4; ++i) tend();
+  for (int i = 0; i < 4; ++i) maintain();
   EXPECT_TRUE(store_->ReadSession(orphan->name()).ok());
-  for (int i = 0; i < 8; ++i) tend();
+  for (int i = 0; i < 8; ++i) maintain();
   EXPECT_TRUE(absl::IsNotFound(store_->ReadSession(orphan->name()).status()));
   EXPECT_TRUE(store_->ReadSession(session->name()).ok()) << "a stream is attached to it";
   Track(session, attachment, 1);
@@ -106,7 +106,7 @@ TEST_F(SessionMoveTest, OrphanedSessionsAreDeletedByAnotherServer) {
   Kill(other);
 }
 
-TEST_F(SessionMoveTest, SessionsOfOtherServersAreDescribedWithoutTakingThem) {
+TEST_F(SessionMoveTest, SessionsOfOtherServersAreDescribedWithoutAcquiringThem) {
   Server one = Open(/*shares_store=*/true);
   Server two = Open(/*shares_store=*/true);
   const auto session = Create(one, "request");

@@ -193,33 +193,33 @@ TEST_F(SessionRestoreTest, ASessionThatIsOnlyInTheStoreIsListedKeepsItsModelsAnd
   EXPECT_EQ(sessions->front().name, name);
   EXPECT_EQ(server->num_sessions(), 0u) << "the session is not in memory";
   EXPECT_EQ(ReasonOf(server.models->Delete(kTenant, model)), "MODEL_IN_USE");
-  const auto tend = [&](int times) {
+  const auto maintain = [&](int times) {
     for (int i = 0; i < times; ++i) {
       now_ += absl::Seconds(30);
       server->MaintainStore();
-      SlowWorkIsDone();
+      AwaitSlowWork();
     }
   };
-  tend(2);
+  maintain(2);
   EXPECT_TRUE(store_->ReadSession(name).ok());
-  tend(1);
+  maintain(1);
   EXPECT_TRUE(absl::IsNotFound(store_->ReadSession(name).status()));
   EXPECT_TRUE(server.models->Delete(kTenant, model).ok());
   Kill(server);
 }
 
-TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
+TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotResumed) {
   Server one = Open(/*shares_store=*/true);
   const auto session = Create(one);
   Server two = Open(/*shares_store=*/true);
   for (int i = 0; i < 3; ++i) (void)Create(two);
-  const auto take = [&] {
+  const auto resume = [&] {
     return ReasonOf(two->ResumeForAttach(kTenant, session->name(), session->resume_token()).status());
   };
-  EXPECT_EQ(take(), "TENANT_QUOTA");
+  EXPECT_EQ(resume(), "TENANT_QUOTA");
   two.models->Upload("lab", {}, "", CubeBytes()).value();
   ASSERT_TRUE(two->Create("lab", Config(two), "").ok());
-  EXPECT_EQ(take(), "TOO_MANY_SESSIONS");
+  EXPECT_EQ(resume(), "TOO_MANY_SESSIONS");
   EXPECT_TRUE(session->Watch().status.ok());
   Kill(one);
   Kill(two);
@@ -227,11 +227,11 @@ TEST_F(SessionRestoreTest, ASessionWithoutAFreeSlotIsNotTaken) {
 
 // A store that lets a test act while a session is acquired or deleted, or after the session of a request has been
 // found.
-class StoreThatTakes : public FaultInjectingStore {
+class StoreWithHooks : public FaultInjectingStore {
  public:
   using FaultInjectingStore::FaultInjectingStore;
   absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
-    if (while_taking) std::exchange(while_taking, nullptr)();
+    if (while_acquiring) std::exchange(while_acquiring, nullptr)();
     return FaultInjectingStore::AcquireSession(name);
   }
   absl::StatusOr<SessionRecord> FindRequest(absl::string_view tenant, absl::string_view request_id) const override {
@@ -243,27 +243,27 @@ class StoreThatTakes : public FaultInjectingStore {
     if (while_deleting) std::exchange(while_deleting, nullptr)();
     return FaultInjectingStore::DeleteSession(name);
   }
-  std::function<void()> while_taking, while_deleting;
+  std::function<void()> while_acquiring, while_deleting;
   mutable std::function<void()> after_finding;
 };
 
-TEST_F(SessionRestoreTest, ASessionThatIsBeingTakenHasItsSlot) {
+TEST_F(SessionRestoreTest, ASessionThatIsBeingResumedHasItsSlot) {
   Server one = Open(/*shares_store=*/true);
   const auto first = Create(one);
   one.models->Upload("lab", {}, "", CubeBytes()).value();
   const auto second = one->Create("lab", Config(one), "").value();
-  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  StoreWithHooks store(store_, std::make_shared<InjectedFault>());
   Server two = Open(/*shares_store=*/true, store, /*max_sessions=*/1);
-  const auto take = [&](const std::string& tenant, const std::shared_ptr<Session>& session) {
+  const auto resume = [&](const std::string& tenant, const std::shared_ptr<Session>& session) {
     return two->ResumeForAttach(tenant, session->name(), session->resume_token()).status();
   };
-  store.while_taking = [&] { EXPECT_EQ(ReasonOf(take("lab", second)), "TOO_MANY_SESSIONS"); };
-  EXPECT_TRUE(take(kTenant, first).ok());
+  store.while_acquiring = [&] { EXPECT_EQ(ReasonOf(resume("lab", second)), "TOO_MANY_SESSIONS"); };
+  EXPECT_TRUE(resume(kTenant, first).ok());
   EXPECT_EQ(two->num_sessions(), 1u);
   // If a session cannot be acquired from the store, its slot becomes free.
   ASSERT_TRUE(two->Delete(kTenant, first->name()).ok());
-  store.while_taking = [&] { EXPECT_TRUE(store_->DeleteSession(second->name()).ok()); };
-  EXPECT_EQ(ReasonOf(take("lab", second)), "SESSION_NOT_FOUND");
+  store.while_acquiring = [&] { EXPECT_TRUE(store_->DeleteSession(second->name()).ok()); };
+  EXPECT_EQ(ReasonOf(resume("lab", second)), "SESSION_NOT_FOUND");
   EXPECT_TRUE(two->Create(kTenant, Config(two), "").ok());
   Kill(one);
   Kill(two);
@@ -273,14 +273,14 @@ TEST_F(SessionRestoreTest, SessionsOfATenantAreResumedAtTheSameTime) {
   Server one = Open(/*shares_store=*/true);
   const auto first = Create(one);
   const auto second = Create(one);
-  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  StoreWithHooks store(store_, std::make_shared<InjectedFault>());
   Server two = Open(/*shares_store=*/true, store);
-  const auto take = [&](const std::shared_ptr<Session>& session) {
+  const auto resume = [&](const std::shared_ptr<Session>& session) {
     return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value();
   };
   // A mutex of the tenant would be locked twice.
-  store.while_taking = [&] { EXPECT_EQ(take(second)->name(), second->name()); };
-  EXPECT_EQ(take(first)->name(), first->name());
+  store.while_acquiring = [&] { EXPECT_EQ(resume(second)->name(), second->name()); };
+  EXPECT_EQ(resume(first)->name(), first->name());
   EXPECT_EQ(two->num_sessions(), 2u);
   Kill(one);
   Kill(two);
@@ -289,13 +289,13 @@ TEST_F(SessionRestoreTest, SessionsOfATenantAreResumedAtTheSameTime) {
 TEST_F(SessionRestoreTest, ASessionIsResumedOnceByStreamsThatAttachAtTheSameTime) {
   Server one = Open(/*shares_store=*/true);
   const auto session = Create(one);
-  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  StoreWithHooks store(store_, std::make_shared<InjectedFault>());
   Server two = Open(/*shares_store=*/true, store);
-  const auto take = [&] { return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value(); };
+  const auto resume = [&] { return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).value(); };
   std::shared_ptr<Session> other;
   SlowWorkBeside stream;
-  store.while_taking = [&] { stream.BeginUntilItWaits([&] { other = take(); }); };
-  const auto acquired = take();
+  store.while_acquiring = [&] { stream.BeginUntilItWaits([&] { other = resume(); }); };
+  const auto acquired = resume();
   stream.Join();
   EXPECT_EQ(other, acquired);
   EXPECT_TRUE(acquired->Watch().status.ok());
@@ -308,17 +308,19 @@ TEST_F(SessionRestoreTest, AStreamThatWaitedForASessionEndsWithItsCallAndWithThe
   const auto session = Create(one);
   // Returns the status of a stream that waits while another one resumes the session, and after `meanwhile`.
   const auto status_after = [&](const std::function<void(Server&, Cancellation&)>& meanwhile) {
-    StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+    StoreWithHooks store(store_, std::make_shared<InjectedFault>());
     Server two = Open(/*shares_store=*/true, store);
-    const auto take = [&] { return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).status(); };
+    const auto resume = [&] {
+      return two->ResumeForAttach(kTenant, session->name(), session->resume_token()).status();
+    };
     absl::Status waited;
     SlowWorkBeside stream;
     const auto cancellation = std::make_shared<Cancellation>();
-    store.while_taking = [&] {
-      stream.BeginUntilItWaits([&] { waited = take(); }, cancellation);
+    store.while_acquiring = [&] {
+      stream.BeginUntilItWaits([&] { waited = resume(); }, cancellation);
       meanwhile(two, *cancellation);
     };
-    EXPECT_TRUE(take().ok());
+    EXPECT_TRUE(resume().ok());
     stream.Join();
     Kill(two);
     return waited;
@@ -333,7 +335,7 @@ TEST_F(SessionRestoreTest, AStreamThatWaitedForASessionEndsWithItsCallAndWithThe
 TEST_F(SessionRestoreTest, ARepeatedRequestFindsTheSessionThatAStreamHasResumedMeanwhile) {
   Server one = Open(/*shares_store=*/true);
   const auto session = Create(one, "request");
-  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  StoreWithHooks store(store_, std::make_shared<InjectedFault>());
   Server two = Open(/*shares_store=*/true, store);
   std::shared_ptr<Session> acquired;
   store.after_finding = [&] {
@@ -347,7 +349,7 @@ TEST_F(SessionRestoreTest, ARepeatedRequestFindsTheSessionThatAStreamHasResumedM
 }
 
 TEST_F(SessionRestoreTest, AStreamThatAttachesDuringADeletionFindsNoSession) {
-  StoreThatTakes store(store_, std::make_shared<InjectedFault>());
+  StoreWithHooks store(store_, std::make_shared<InjectedFault>());
   Server server = Open(/*shares_store=*/true, store);
   const auto session = Create(server);
   SlowWorkBeside stream;

@@ -94,7 +94,8 @@ class SharedStoreTest : public testing::Test {
     ASSERT_TRUE(CommitNow(*acquired.lease, {.checkpoint = EncodeCheckpoint(checkpoint)}).ok());
   }
 
-  void SlowWorkIsDone() {
+  // Returns when the slow work that was posted before has ended.
+  void AwaitSlowWork() {
     std::promise<void> done;
     pool_.slow().PostOwn([&done] { done.set_value(); });
     done.get_future().wait();

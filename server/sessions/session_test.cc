@@ -144,7 +144,7 @@ TEST_F(SessionTest, RefusesInvalidChunks) {
 TEST_F(SessionTest, EachAttachIssuesATokenAndThePreviousOneIsValidUntilItsUse) {
   const Attachment first = Attach();
   EXPECT_NE(first.resume_token, "first");
-  // The answer was lost: the client has the old token only.
+  // The response was lost: the client has the old token only.
   const Attachment second = Attach("first");
   ASSERT_TRUE(Push(second.stream, 1, SomeEvents(1, 2)).ok());
   const auto stale = session_->Attach("first", 0, listener_);

@@ -18,12 +18,12 @@ namespace evpose::server {
 // The status that the store returns for every call while it is not OK.
 struct InjectedFault {
   std::mutex mutex;
-  absl::Status answer;
+  absl::Status status;
   int num_calls = 0;
 
-  void Set(const absl::Status& status) {
+  void Set(const absl::Status& new_status) {
     const std::lock_guard lock(mutex);
-    answer = status;
+    status = new_status;
     num_calls = 0;
   }
   int NumCalls() {
@@ -33,7 +33,7 @@ struct InjectedFault {
   absl::Status Check() {
     const std::lock_guard lock(mutex);
     ++num_calls;
-    return answer;
+    return status;
   }
 };
 
@@ -66,7 +66,7 @@ class FaultInjectingLease : public SessionLease {
                       std::shared_ptr<PendingCommits> pending = std::make_shared<PendingCommits>())
       : lease_(std::move(lease)), fault_(std::move(fault)), pending_(std::move(pending)) {}
   void Commit(SessionCommit commit, Done done) override {
-    if (const absl::Status answer = fault_->Check(); !answer.ok()) return done(answer);
+    if (const absl::Status fault = fault_->Check(); !fault.ok()) return done(fault);
     pending_->Begin();
     lease_->Commit(std::move(commit), [done = std::move(done), pending = pending_](absl::Status status) mutable {
       std::exchange(done, nullptr)(std::move(status));

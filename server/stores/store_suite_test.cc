@@ -468,7 +468,7 @@ TEST_P(StoreSuite, EndedSessionsAreDeletedForActiveOnes) {
     const PoseSegment poses = {.first_pose_seq = seq, .last_pose_seq = seq, .bytes = Noise(512u << 10, seq)};
     ASSERT_TRUE(CommitNow(*living, {.poses = {poses}}).ok()) << seq;
   }
-  EXPECT_THAT(NamesOf(*store_), ElementsAre(second, active)) << "the older end goes";
+  EXPECT_THAT(NamesOf(*store_), ElementsAre(second, active)) << "the session that ended first is deleted";
   EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre("sessions/1"));
   EXPECT_THAT(store_->DeleteEnded(start).value(), ElementsAre());
 }

@@ -37,8 +37,8 @@ TEST(PrometheusTextTest, NamesTypesAndHelpsAreInOrder) {
 TEST(PrometheusTextTest, AFreshServerHasEverySeriesAtZero) {
   const ParsedMetrics parsed = ParseMetrics(PrometheusText(ServerMetrics(), ServerState(), kBuild));
   for (const auto& [series, value] : parsed.values) {
-    const bool is_told = absl::StartsWith(series, "evpose_build_info") || series == "evpose_ready";
-    EXPECT_EQ(value, is_told ? 1.0 : 0.0) << series;
+    const bool is_one = absl::StartsWith(series, "evpose_build_info") || series == "evpose_ready";
+    EXPECT_EQ(value, is_one ? 1.0 : 0.0) << series;
   }
   EXPECT_EQ(parsed.At("evpose_build_info{version=\"1.2.3\",commit=\"abc1234\"}"), 1.0);
 }

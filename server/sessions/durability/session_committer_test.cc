@@ -52,8 +52,8 @@ class SessionCommitterTest : public testing::Test {
     commits_->waiting.clear();  // each keeps the committer, which keeps the lease
   }
 
-  // Waits for the next commit and answers it.
-  SessionCommit Answer(const absl::Status& status) {
+  // Waits for the next commit and ends it with this status.
+  SessionCommit EndCommit(const absl::Status& status) {
     std::unique_lock lock(commits_->mutex);
     commits_->came.wait(lock, [this] { return !commits_->waiting.empty(); });
     auto [commit, done] = std::move(commits_->waiting.front());
@@ -86,11 +86,11 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
   committer_->CommitCheckpoint(State("state", 1, 10), 7);
   EXPECT_EQ(NumWaiting(), 1u);
   EXPECT_TRUE(committer_->progress().has_waiting);
-  EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "first");
+  EXPECT_EQ(EndCommit(absl::OkStatus()).lifecycle, "first");
   EXPECT_EQ(committer_->progress().lifecycle, 1u);
   EXPECT_EQ(committer_->progress().seq, 0u);
   EXPECT_EQ(NumIn(metrics_->checkpoint_time), 0u);
-  const SessionCommit second = Answer(absl::OkStatus());
+  const SessionCommit second = EndCommit(absl::OkStatus());
   EXPECT_EQ(second.lifecycle, "second");
   EXPECT_EQ(second.checkpoint, "state");
   const Progress progress = committer_->progress();
@@ -104,25 +104,25 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
   EXPECT_EQ(num_changes_, 2);
 }
 
-TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
+TEST_F(SessionCommitterTest, AnUnavailableCommitIsRepeatedWithTheLaterData) {
   committer_->CommitCheckpoint(State("one", 1, 10), 1);
-  const SessionCommit first = Answer(absl::UnavailableError("unreachable"));
+  const SessionCommit first = EndCommit(absl::UnavailableError("unreachable"));
   EXPECT_TRUE(committer_->progress().is_store_unavailable);
   EXPECT_EQ(committer_->progress().seq, 0u);
-  const SessionCommit again = Answer(absl::UnavailableError("unreachable"));
+  const SessionCommit again = EndCommit(absl::UnavailableError("unreachable"));
   EXPECT_EQ(again.checkpoint, "one");
   EXPECT_EQ(&*again.checkpoint, &*first.checkpoint) << "shared, not copied";
   SessionCommit end = State("two", 11, 20);
   end.ended_at = absl::UnixEpoch();
   committer_->CommitCheckpoint(std::move(end), 2);
-  SessionCommit commit = Answer(absl::UnavailableError("unreachable"));
+  SessionCommit commit = EndCommit(absl::UnavailableError("unreachable"));
   uint64_t num_failures = 3;
-  for (; commit.checkpoint == "one"; ++num_failures) commit = Answer(absl::UnavailableError("unreachable"));
+  for (; commit.checkpoint == "one"; ++num_failures) commit = EndCommit(absl::UnavailableError("unreachable"));
   EXPECT_EQ(commit.checkpoint, "two");
   ASSERT_EQ(commit.poses.size(), 2u);
   EXPECT_EQ(commit.poses[0].first_pose_seq, 1u);
   EXPECT_EQ(commit.poses[1].last_pose_seq, 20u);
-  Answer(absl::OkStatus());
+  EndCommit(absl::OkStatus());
   const Progress progress = committer_->progress();
   EXPECT_EQ(progress.seq, 2u);
   EXPECT_EQ(progress.last_pose_seq, 20u);
@@ -134,9 +134,9 @@ TEST_F(SessionCommitterTest, ACommitWithoutAnAnswerIsRepeatedWithTheLaterData) {
 
 TEST_F(SessionCommitterTest, PosesMayBeCommittedWithoutACheckpoint) {
   committer_->CommitCheckpoint(State("one", 1, 10), 1);
-  Answer(absl::OkStatus());
+  EndCommit(absl::OkStatus());
   committer_->CommitCheckpoint({.poses = {{11, 12, "poses"}}}, 2);
-  EXPECT_FALSE(Answer(absl::OkStatus()).checkpoint.has_value());
+  EXPECT_FALSE(EndCommit(absl::OkStatus()).checkpoint.has_value());
   EXPECT_EQ(committer_->progress().seq, 1u);
   EXPECT_EQ(committer_->progress().last_pose_seq, 12u);
 }
@@ -150,7 +150,7 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
       {absl::OutOfRangeError("lost"), "ROLLED_BACK"},
       {absl::DataLossError("bad page"), "STORE_FAILED"},
   };
-  for (const auto& [answer, reason] : cases) {
+  for (const auto& [status, reason] : cases) {
     const auto commits = std::make_shared<TestLease::Commits>();
     const auto committer = std::make_shared<SessionCommitter>(std::make_shared<SessionLog>("sessions/a", ""),
                                                               std::make_unique<TestLease>(commits), Progress(), pool_,
@@ -160,7 +160,7 @@ TEST_F(SessionCommitterTest, EveryEndHasItsReason) {
     SessionLease::Done done = std::move(commits->waiting.front().second);
     commits->waiting.clear();
     captured_log.Take();
-    done(answer);
+    done(status);
     EXPECT_THAT(captured_log.Take(), testing::ContainsRegex("^[a-z]+ session_commit_failed .* reason=" + reason));
     EXPECT_EQ(GetErrorDetails(committer->progress().failure).reason, reason);
     EXPECT_TRUE(commits->waiting.empty()) << "no commit starts after the end";
@@ -176,7 +176,7 @@ TEST_F(SessionCommitterTest, ASlowCommitIsLoggedOnceInASeries) {
   const auto commit = [this](std::chrono::seconds age) {
     captured_log.Take();
     committer_->CommitCheckpoint(State("12345", 1, 10), 1, std::chrono::steady_clock::now() - age);
-    Answer(absl::OkStatus());
+    EndCommit(absl::OkStatus());
     return captured_log.Take();
   };
   const std::chrono::hours soon(-1);  // begins later, so that no pause of this process makes it slow
@@ -195,8 +195,8 @@ TEST_F(SessionCommitterTest, ASlowCommitIsLoggedOnceInASeries) {
 TEST_F(SessionCommitterTest, AnOutageOfTheStoreHasItsOwnLines) {
   captured_log.Take();
   committer_->CommitCheckpoint(State("1", 1, 10), 1, std::chrono::steady_clock::now() - std::chrono::hours(1));
-  Answer(absl::UnavailableError("unreachable"));
-  Answer(absl::OkStatus());
+  EndCommit(absl::UnavailableError("unreachable"));
+  EndCommit(absl::OkStatus());
   const std::string log = captured_log.Take();
   EXPECT_THAT(log,
               testing::ContainsRegex("^warning session_waits_for_store [^\n]*\ninfo session_store_back [^\n]*\n$"));
@@ -208,9 +208,9 @@ TEST_F(SessionCommitterTest, AFinishedCommitterStillCommitsWhatWaits) {
   committer_->Finish();
   committer_->CommitLifecycle(3, "third");
   committer_->Close();
-  EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "first");
-  EXPECT_EQ(Answer(absl::UnavailableError("the network")).lifecycle, "second");
-  EXPECT_EQ(Answer(absl::OkStatus()).lifecycle, "second") << "the commit is repeated";
+  EXPECT_EQ(EndCommit(absl::OkStatus()).lifecycle, "first");
+  EXPECT_EQ(EndCommit(absl::UnavailableError("the network")).lifecycle, "second");
+  EXPECT_EQ(EndCommit(absl::OkStatus()).lifecycle, "second") << "the commit is repeated";
   EXPECT_EQ(NumWaiting(), 0u);
   EXPECT_EQ(committer_->progress().lifecycle, 2u);
 }
@@ -219,7 +219,7 @@ TEST_F(SessionCommitterTest, AClosedCommitterStartsNoCommit) {
   committer_->CommitLifecycle(1, "x");
   committer_->CommitLifecycle(2, "y");
   committer_->Close();
-  Answer(absl::OkStatus());
+  EndCommit(absl::OkStatus());
   EXPECT_EQ(NumWaiting(), 0u);
   committer_->CommitLifecycle(3, "z");
   EXPECT_EQ(NumWaiting(), 0u);
@@ -231,7 +231,7 @@ TEST_F(SessionCommitterTest, AFailedAllocationEndsTheSessionAndNotTheProcess) {
   committer_->CommitCheckpoint(State("first", 1, 3), 10);
   committer_->CommitCheckpoint(State("second", 4, 5), 20);
   failing.successes_before = 0;
-  Answer(absl::OkStatus());
+  EndCommit(absl::OkStatus());
   failing.successes_before = -1;
   EXPECT_EQ(committer_->progress().seq, 10u) << "what was written is known as written";
   EXPECT_TRUE(IsOutOfMemory(committer_->progress().failure)) << "the next commit had no memory";
@@ -244,7 +244,7 @@ TEST_F(SessionCommitterTest, AFailedAllocationForARepetitionEndsTheSession) {
   committer_->CommitLifecycle(1, "first");
   const absl::Status unreachable = absl::UnavailableError("the store is unreachable");
   failing.successes_before = 0;
-  Answer(unreachable);
+  EndCommit(unreachable);
   failing.successes_before = -1;
   EXPECT_TRUE(IsOutOfMemory(committer_->progress().failure));
   EXPECT_EQ(num_changes_, 1);

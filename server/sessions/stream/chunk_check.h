@@ -11,8 +11,8 @@
 
 namespace evpose::server {
 
-// Returns true for a chunk without any field, by which a client without events shows that it is alive. It is not part
-// of the data of the session.
+// Returns true for a chunk without any field, by which a client without events keeps its stream open. It is not part of
+// the data of the session.
 bool IsKeepalive(const EventChunk& chunk);
 
 // Reads every byte of the payload if the chunk has a checksum. Errors: INVALID_ARGUMENT with the field (no number, too

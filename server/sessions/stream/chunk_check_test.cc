@@ -32,7 +32,7 @@ TEST(ChunkCheckTest, NamesTheWrongField) {
   EXPECT_EQ(Check(Chunk(kMaxBytes - 1)).code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(ChunkCheckTest, AChunkWithoutAnyFieldIsASignOfLife) {
+TEST(ChunkCheckTest, AChunkWithoutAnyFieldIsAKeepalive) {
   EXPECT_TRUE(IsKeepalive({}));
   EXPECT_FALSE(IsKeepalive(Chunk(0))) << "it has a number";
   EXPECT_FALSE(IsKeepalive({.payload = "x"}));

@@ -68,10 +68,10 @@ RedisClient::Job RedisClient::MakeJob(Command command, Done done) {
 }
 
 std::pair<RedisClient::Job, std::future<absl::StatusOr<RedisReply>>> RedisClient::MakeJobWithReply(Command command) {
-  std::promise<absl::StatusOr<RedisReply>> answer;
-  auto reply = answer.get_future();
-  Done done = [answer = std::move(answer)](absl::StatusOr<RedisReply> received) mutable {
-    answer.set_value(std::move(received));
+  std::promise<absl::StatusOr<RedisReply>> promise;
+  auto reply = promise.get_future();
+  Done done = [promise = std::move(promise)](absl::StatusOr<RedisReply> received) mutable {
+    promise.set_value(std::move(received));
   };
   return {MakeJob(std::move(command), std::move(done)), std::move(reply)};
 }

@@ -50,7 +50,7 @@ class RedisSentinels {
     RedisHost sentinel;
     RedisHost node;
   };
-  // Returns the first answer of a Sentinel, beginning with `first_`.
+  // Returns the first reply of a Sentinel, beginning with `first_`.
   absl::StatusOr<Named> AskAll();
   // Returns the node, or a node without a host if the Sentinel does not know the master's name.
   absl::StatusOr<RedisHost> Ask(const RedisHost& sentinel) const;

@@ -147,8 +147,8 @@ TEST_F(RedisStoreFixture, ACommitThatComesAfterALaterOneIsNotWritten) {
                                   "1",
                                   "stale"};
   command.insert(command.end(), arguments.begin(), arguments.end());
-  const std::string answer = redis_.Text(command);
-  EXPECT_EQ(answer, "STALE");
+  const std::string reply = redis_.Text(command);
+  EXPECT_EQ(reply, "STALE");
   EXPECT_EQ(store_->ReadSession("sessions/a")->checkpoint, "2");
   EXPECT_TRUE(store_->ReadSession("sessions/a")->poses.empty());
 }

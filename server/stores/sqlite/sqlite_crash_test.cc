@@ -44,8 +44,8 @@ struct Acknowledged {
       Store::AcquiredSession acquired = store->AcquireSession(Name(session)).value();
       const std::string& last = acquired.session.lifecycle;
       for (uint64_t n = std::stoull(last) + 1; CommitNow(*acquired.lease, MakeCommit(session, n)).ok(); ++n) {
-        const Acknowledged told = {.session = session, .commit = n};
-        if (write(acknowledged, &told, sizeof(told)) != sizeof(told)) break;
+        const Acknowledged acknowledgement = {.session = session, .commit = n};
+        if (write(acknowledged, &acknowledgement, sizeof(acknowledgement)) != sizeof(acknowledgement)) break;
       }
       _exit(1);
     });
@@ -69,12 +69,12 @@ TEST(SqliteCrashTest, AcknowledgedCommitsSurviveFiftyKills) {
     const pid_t child = fork();
     if (child == 0) CommitForever(data_dir, pipe_ends[1]);
     close(pipe_ends[1]);
-    Acknowledged told = {};
-    const uint64_t deadly = 1 + random() % 40;
+    Acknowledged acknowledgement = {};
+    const uint64_t num_before_kill = 1 + random() % 40;
     uint64_t count = 0;
-    while (read(pipe_ends[0], &told, sizeof(told)) == sizeof(told)) {
-      last_acknowledged[told.session] = told.commit;
-      if (++count == deadly) kill(child, SIGKILL);
+    while (read(pipe_ends[0], &acknowledgement, sizeof(acknowledgement)) == sizeof(acknowledgement)) {
+      last_acknowledged[acknowledgement.session] = acknowledgement.commit;
+      if (++count == num_before_kill) kill(child, SIGKILL);
     }
     close(pipe_ends[0]);
     int status = 0;
