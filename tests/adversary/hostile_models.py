@@ -23,7 +23,7 @@ def padded_cube(size_bytes, number):
 
 def prism(sides, has_discs=True):
     """A prism whose edges are lines, with a small triangle inside that no rotation maps onto itself. With `sides` 1365 the file has
-    161 kB, and each of the 1365 rotations must be compared with all of its 4095 lines."""
+    161 kB, and each of the 1365 rotations must be compared with all of its 4095 lines. With `has_discs`, discs close its ends."""
     angles = numpy.arange(sides) * (2 * numpy.pi / sides)
     rim = numpy.column_stack([numpy.cos(angles), numpy.sin(angles)]).round(6)
     vertices = numpy.vstack([

@@ -44,8 +44,8 @@ OPTIONS = {
     "--attach-timeout": 2, "--stream-idle-timeout": 3, "--session-expiry": 3, "--max-streams": 200,
     "--max-connections": 400, "--max-connections-per-peer": 200,
 }
-UNARY = ["CreateSession", "GetSession", "ListSessions", "DeleteSession", "GetModel", "GetModelGeometry", "ListModels", "DeleteModel", "GetServerInfo",
-         "Drain", "SetLogLevel", "Check"]
+UNARY = ["CreateSession", "GetSession", "ListSessions", "DeleteSession", "GetModel", "GetModelGeometry", "ListModels", "DeleteModel",
+         "GetServerInfo", "Drain", "SetLogLevel", "Check"]
 NUMBERS = [0, -1, 1, 7, 4096, 4097, 2**31 - 1, 1e-300, 1e300, float("nan"), float("inf"), -float("inf")]
 
 
@@ -114,7 +114,7 @@ class Adversary(threading.Thread):
         return self._random.choice(NUMBERS)
 
     def _whole(self, low, high):
-        """Returns a whole number that a field of 32 bits can hold, seldom within the limits."""
+        """Returns an integer that a field of 32 bits can hold: `low`, `high`, one between them, 0, or the largest."""
         return self._random.choice([low, high, self._random.randint(low, high), 0, 2**31 - 1])
 
     def _bytes(self, limit):
@@ -129,7 +129,7 @@ class Adversary(threading.Thread):
         return camera
 
     def _create(self, api):
-        """Creates a session that is admissible except for its camera, now and then."""
+        """Creates a session. Its camera is now and then inadmissible."""
         model = api.upload(CUBE).name
         return api.create(model, camera=self._camera(), num_objects=self._random.choice([1, 1, 16]),
                           encoding=self._random.choice([1, FLAT64, FLAT64]))

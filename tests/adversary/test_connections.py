@@ -40,7 +40,7 @@ def slowest_s(call, count):
 
 
 def shut_listener(running):
-    """Ends the acceptance of connections by the server's socket without the server's knowledge. Returns false if this process may not do that."""
+    """Shuts the listening socket of the server down, without its knowledge. Returns false if this process is not permitted to do so."""
     process = os.pidfd_open(running.process.pid)
     port = int(running.address.rsplit(":", 1)[1])
     is_shut = False
@@ -104,7 +104,7 @@ class ConnectionTest(server.AdversaryTest):
             client(self, running)("GetServerInfo")
 
     def wait_for_refusals(self, running, count):
-        """Not for connections that are closed, because the server closes all silent ones after 20 s."""
+        """Reads the metric instead of waiting for closed connections, because the server closes all silent ones after 20 s."""
         server.poll(lambda: running.metric("evpose_connections_refused_total") == count, f"{count} refused connections")
 
     def test_half_requests_do_not_delay_probes(self):

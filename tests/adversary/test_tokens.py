@@ -183,7 +183,7 @@ class CertificateTest(server.AdversaryTest):
         self.client_of(running, "alice")("GetServerInfo")
 
     def _end(self, running):
-        """As of the base class, for a server whose port asks for a certificate: its health is asked by HTTP."""
+        """Like the method of the base class. The gRPC port requires a certificate here, so that the readiness is read from the HTTP page."""
         if not running.is_ended:
             self.assertEqual(running.page("/readyz")[0], 200)
             self.assertEqual(running.terminate(), 0)

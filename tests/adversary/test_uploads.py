@@ -65,9 +65,10 @@ class UploadTest(server.AdversaryTest):
         self.assertEqual((end_of(ended[0]).code, end_of(ended[0]).reason), ("RESOURCE_EXHAUSTED", "TOO_MANY_UPLOADS"))
         for stream in streams:
             stream.cancel()
-        server.poll(lambda: self._uploads(api), "an upload after the others were cancelled")
+        server.poll(lambda: self._try_upload(api), "an upload after the others were cancelled")
 
-    def _uploads(self, api):
+    def _try_upload(self, api):
+        """Returns the Model, or None if there are too many uploads."""
         try:
             return api.upload(CUBE)
         except grpc.RpcError as error:

@@ -6,8 +6,8 @@ each further one.
 A session tracks a cube that a simulated EVK4 sees, with noise in every pixel, in real time: about 10 Mev/s. While it runs, the number of
 watchers changes from slice to slice: 0 1 1 0 0 1 ..., in another session 1 9 9 1 1 9 ... The difference of the server's processor time
 between the two slices of a pair is that of the watchers, without the differences between runs. Printed are the mean of the differences in
-percent of a core, with its standard error, and the images of a watcher. For further watchers both are divided by their number, 8. The
-watchers are threads of this process. Needs a release build.
+percent of a core, with its standard error, and the size of an image. For further watchers the mean and the error are divided by their
+number, 8. The watchers are threads of this process. Needs a release build.
 """
 import argparse
 import contextlib
@@ -114,7 +114,7 @@ def process_ns(pid):
 
 
 def slices(server, replay, watchers, numbers, slice_s):
-    """Yields the processor time of the server in seconds per second while the session runs, for this number of watchers after another."""
+    """Yields the processor time of the server in seconds per second while the session runs, for each of `numbers` of watchers in turn."""
     for number in itertools.cycle(numbers):
         watchers.set(number)
         time.sleep(SETTLED_S)
@@ -127,8 +127,8 @@ def slices(server, replay, watchers, numbers, slice_s):
 
 
 def measure(arguments, scene, few, many):
-    """Returns the differences between slices with many and with few watchers, the shares with few, and the images of one watcher: their
-    number per second, and their bytes."""
+    """Returns the differences between slices with many and with few watchers, the shares with few, both in cores, and the mean bytes of an
+    image."""
     with contextlib.ExitStack() as cleanup:
         server = cleanup.enter_context(Server(arguments.bin / "server/evpose-server", "--log-level", "off", "--max-session-cpu", "0"))
         replay = subprocess.Popen([arguments.replay, "replay", scene / "recording.raw", "--model", scene / "model.obj", "--camera",

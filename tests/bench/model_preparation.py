@@ -92,7 +92,7 @@ def shape(name):
     def write(count, path):
         """A shape of `evpose bench models`, with so many facets per circle that there are about `count` triangles."""
         low, high = (len(SHAPES[name](sides).triangles) for sides in (60, 120))
-        # Lids have a number of triangles that is linear in the sides, surfaces that are curved twice a quadratic one.
+        # The number of triangles of flat ends is linear in the number of sides, that of doubly curved surfaces quadratic.
         quadratic = (high - 2 * low) / (2 * 60**2)
         linear = low / 60 - 60 * quadratic
         sides = (math.sqrt(linear**2 + 4 * quadratic * count) - linear) / (2 * quadratic)

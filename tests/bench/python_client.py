@@ -5,8 +5,8 @@
 Prints the events per second of processor time of the Python client (a RAW file, and arrays of events), and the ratio of its processor time
 to that of `evpose replay --server`, both for the whole process and without the start of the interpreter; and the events per second of wall
 time, from the first event to the last pose, which the server limits, too. With --core the client runs on this core alone, and the server on
-all others. The recording is that of a simulated EVK4 with noise in every pixel. Of the repetitions, that with the least processor time
-counts, and that with the least wall time. Needs a release build. The target is 10 Mev/s on one core.
+all others. The recording is that of a simulated EVK4 with noise in every pixel. Each figure is the least of the repetitions, of processor
+time or of wall time. Needs a release build. The target is 10 Mev/s on one core.
 """
 import argparse
 import json

@@ -243,7 +243,7 @@ class Run:
         return self.read(output_of(arguments))
 
     def arguments(self, is_quick):
-        """Of --quick, the options replace those of the same name."""
+        """Returns the command; with --quick, the options of `quick` replace those of the same name."""
         command = list(self.command)
         for option, value in self.quick if is_quick else ():
             if option in command:

@@ -107,7 +107,7 @@ def rms(errors):
 
 
 def error_after_rotation(project, directions, pixels):
-    """RMS (px) of the projection's error after the best rotation, by Gauss and Newton's method with difference quotients."""
+    """RMS (px) of the projection's error after the best rotation, by the Gauss-Newton method with difference quotients."""
     angles, step_rad = np.zeros(3), 1e-6
     residual = lambda angles: project(rotated(directions, angles)) - pixels
     for _ in range(10):

@@ -124,7 +124,8 @@ def print_settings(evpose):
 
 
 def packets_of(raw, period_us):
-    """The words of a RAW file by the period in which their packet leaves the camera: (end of the period in us, bytes)."""
+    """Returns the header of a RAW file, the time of its first word (us), and its packets: pairs of the end of the period after which the
+    packet leaves the camera (us since the first word) and the words of the packet, as bytes."""
     begin = raw.index(HEADER_END) + len(HEADER_END)
     words = np.frombuffer(raw[begin:], dtype="<u2")
     t_us = np.maximum.accumulate(times_us(words >> 12, words & 0xFFF))

@@ -5,7 +5,7 @@
 For each case it starts evpose-server, replays a recording of noise through it, and prints in MB: the memory that the server charges for
 the session, the growth of its resident memory when the session has been created, and the growth of its peak. With --check, status 1 if
 a peak exceeds its charge or, with the cube, the goal of the case. Last, a session with 16 large models of which only some fit into the
-memory of sessions is refused; its charge is the limit. Needs a release build and python3-numpy; about a minute of processor time per case.
+memory of sessions is refused; its charge is the limit. Needs a release build and python3-numpy; about a minute.
 
 Example: tests/bench/session_memory.py --bin build/release --check
 """

@@ -4,11 +4,11 @@
 
   tests/bench/start_stop.py --bin build/release [--models-mb 512] [--sessions 10000] [--creates 200]
 
-Prints four figures: the time from the start of the process until a call is answered, with a store of that many MB of models and that
-many sessions; the time of CreateSession on a stored model of --triangles triangles, with and without another session that uses the model (goal: 100 ms);
-the latency of CreateSession while another tenant uploads expensive models and gives up after 1 s; and the time from
-SIGTERM to the end of the process with a queue of such uploads and --shutdown-timeout 3. Needs python3-grpcio, python3-protobuf and
-python3-numpy. With --known-model-only, only the second is measured.
+Prints four figures: the time from the start of the process until a call is answered, with a store of --models-mb of models and --sessions
+sessions; the time of CreateSession on a stored model of --triangles triangles, with and without another session that uses the model
+(goal: 100 ms); the latency of CreateSession while another tenant uploads expensive models and gives up after 1 s; and the time from
+SIGTERM to the end of the process with a queue of such uploads and --shutdown-timeout 3. With --known-model-only, only the second figure is
+measured. Needs python3-grpcio, python3-protobuf and python3-numpy.
 """
 import argparse
 import math

@@ -16,7 +16,7 @@
 namespace evpose::bench {
 namespace {
 
-// Splits each line into `pieces` lines.
+// Returns the windows of a scene, in which each line is divided into `num_pieces` lines. They are made once.
 const SpeedWindows& WindowsOf(const std::string& scene, int num_pieces) {
   static std::map<std::pair<std::string, int>, SpeedWindows>* const all =
       new std::map<std::pair<std::string, int>, SpeedWindows>();
@@ -59,7 +59,7 @@ void Estimate(benchmark::State& state, const std::string& scene, int num_pieces)
       num_explained += fit.num_explained;
     }
   }
-  if (!(num_explained > 0.0)) state.SkipWithError("no event is a line's");
+  if (!(num_explained > 0.0)) state.SkipWithError("no event is attributed to a line");
   state.SetItemsProcessed(static_cast<int64_t>(state.iterations() * inputs.size()));
   CountLines(made, state);
 }

@@ -35,7 +35,7 @@ class RealRecordingTest(unittest.TestCase):
         self.assertLess(row["p95_px"], 1.0)
 
     def test_a_profile_that_the_recording_does_not_determine_is_refused_with_the_reason(self):
-        """Of 1.4 s; the profile at the start stays in use."""
+        """The recording has 1.4 s. No profile is written, so that the previous one stays in use."""
         recording = self.recording()
         row = calibration.fit_profile(recording, [])
         self.assertRegex(row["error"], "too little data to fit a sensor profile: [1-9][0-9]* passages of [1-9]")

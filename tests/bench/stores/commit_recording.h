@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The commits of a session, recorded between a server and its store, and their replay under other names.
+// Records the commits of a session between a server and its store.
 #pragma once
 
 #include <chrono>

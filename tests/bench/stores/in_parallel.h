@@ -11,8 +11,8 @@
 
 namespace evpose::server {
 
-// Calls `work` for the numbers 0 to count - 1, in threads that each stop at their first error, which is returned. So
-// many threads, because SQLite writes the waiting sessions of all threads in one transaction.
+// Calls `work` for the numbers 0 to count - 1, in threads that each stop at their first error, which is returned. The
+// number of threads is large because SQLite writes the waiting sessions of all threads in one transaction.
 inline absl::Status InParallel(size_t count, const std::function<absl::Status(size_t)>& work) {
   constexpr int kThreads = 64;
   std::atomic<size_t> next = 0;
