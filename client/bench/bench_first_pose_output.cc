@@ -23,9 +23,9 @@ struct FirstPoseFigures {
   double time_ms = 0.0;     // median sensor time from the motion to the first right pose
   double compute_ms = 0.0;  // median processor time until it
   double longest_wrong_ms = 0.0;
-  int first = 0;           // number of searches that return a right pose as the best one
-  int among = 0;           // searches with a right pose
-  int moved = 0;           // searches with enough motion
+  int best_right = 0;      // searches whose best pose is right
+  int any_right = 0;       // searches with a right pose among theirs
+  int with_motion = 0;     // searches with enough motion
   double search_ms = 0.0;  // median processor time
   double worst_search_ms = 0.0;
 };
@@ -42,9 +42,9 @@ FirstPoseFigures FiguresOf(const FirstPoseBenchRow& row) {
     computes_ms.push_back(1e3 * start.compute_s);
   }
   for (const SearchTrial& trial : row.trials) {
-    figures.moved += trial.has_moved ? 1 : 0;
-    figures.first += trial.rank == 0 ? 1 : 0;
-    figures.among += trial.rank >= 0 ? 1 : 0;
+    figures.with_motion += trial.has_moved ? 1 : 0;
+    figures.best_right += trial.rank == 0 ? 1 : 0;
+    figures.any_right += trial.rank >= 0 ? 1 : 0;
     if (trial.has_moved) searches_ms.push_back(1e3 * trial.compute_s);
     figures.worst_search_ms = std::max(figures.worst_search_ms, 1e3 * trial.compute_s);
   }
@@ -99,7 +99,7 @@ void PrintFirstPoseRow(const FirstPoseBenchRow& row, std::ostream& out) {
   out << absl::StrFormat("%-24s %5d %5.0f %4d/%-3d %6s %6s %8d %5.0f %6d %3d %3d %7s %7.0f\n", row.model.name,
                          row.num_views, 1e3 * row.preparation_s, figures.found, row.starts.size(),
                          Cell(figures.time_ms, 1), Cell(figures.compute_ms, 0), figures.wrong, figures.longest_wrong_ms,
-                         figures.first, figures.among, figures.moved, Cell(figures.search_ms, 0),
+                         figures.best_right, figures.any_right, figures.with_motion, Cell(figures.search_ms, 0),
                          figures.worst_search_ms);
   out.flush();
 }

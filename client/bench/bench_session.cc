@@ -16,7 +16,7 @@ namespace evpose::client {
 namespace {
 
 // The system clock. Stores the time of its first call; a pacer makes this call at the first time stamp.
-class FirstAskedClock final : public Clock {
+class FirstCallClock final : public Clock {
  public:
   absl::Time Now() override {
     const absl::Time now = SystemClock().Now();
@@ -91,7 +91,7 @@ absl::StatusOr<StreamTimes> BenchSession::Stream(const EncodedRecording& recordi
     if (chunk.ok() && !chunk->bytes.empty()) times.chunk_ends_us.push_back(chunk->t_last_us);
     return chunk;
   };
-  FirstAskedClock clock;
+  FirstCallClock clock;
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFeed> feed,
                           EventFeed::Open(next_chunk, {.rate = rate, .clock = &clock}));
   TrackCallbacks callbacks;

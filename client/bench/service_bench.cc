@@ -202,8 +202,8 @@ class ServiceBench {
 
   // Bytes per second over loopback with both sides in this process, and the ratio to copying the bytes.
   absl::Status Transport() {
-    constexpr uint64_t kLeastBytes =
-        64 << 20;  // some tens of milliseconds, so that the start of a stream is negligible
+    // The transfer takes some tens of milliseconds, so that the start of the stream is negligible.
+    constexpr uint64_t kLeastBytes = 64 << 20;
     EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<TransportSink> sink, TransportSink::Start());
     const auto num_times = static_cast<int>(1 + kLeastBytes / encoded().bytes->size());
     const uint64_t num_bytes = encoded().bytes->size() * static_cast<uint64_t>(num_times);

@@ -54,7 +54,7 @@ bool IsInputIn(const std::filesystem::path& directory, const std::filesystem::pa
   return !is_result || below.has_parent_path() || below == "models.json";
 }
 
-// The same check for the directories of inputs.
+// Returns a usage error if an output is an input file of a directory that an option names.
 absl::Status CheckDirectories(const CLI::App& command, const std::vector<NamedFile>& outputs) {
   for (const CLI::Option* const option : command.get_options()) {
     if (option->get_group() != kInputGroup || !absl::StrContains(option->get_type_name(), "DIR")) continue;

@@ -15,8 +15,8 @@
 
 namespace evpose::client {
 
-inline constexpr size_t kMcapIndexEntryBytes =
-    16;  // size of an entry of a Message Index record: time and position of a message
+// Size of an entry of a Message Index record: time and position of a message.
+inline constexpr size_t kMcapIndexEntryBytes = 16;
 
 // A chunk of messages and the records with the positions of its messages behind it. Positions are from the start of the
 // file, lengths include the head of the record.

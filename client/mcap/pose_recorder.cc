@@ -20,8 +20,8 @@ namespace {
 
 constexpr char kMetadataName[] = "evpose";
 constexpr char kEpochKey[] = "epoch_ns";
-constexpr int64_t kLatestNs =
-    int64_t{std::numeric_limits<int32_t>::max()} * 1'000'000'000;  // the latest time of a stamp of ROS
+// The latest time of a stamp of ROS.
+constexpr int64_t kLatestNs = int64_t{std::numeric_limits<int32_t>::max()} * 1'000'000'000;
 
 // The names of the objects in topics; equal ones get a number.
 std::map<std::string, std::string> TopicNames(const std::vector<std::string>& object_ids) {

@@ -22,8 +22,7 @@ struct TextureLineOptions {
 };
 
 // Appends the edges of the images to `scene.mesh.lines`: those with the largest product of length and contrast. A
-// notice says how many were found. Error: INVALID_ARGUMENT for invalid options
-// or an image that OpenCV cannot process.
+// notice says how many were found. Error: INVALID_ARGUMENT for invalid options or an image that OpenCV cannot process.
 absl::Status AddTextureLines(Scene& scene, const TextureLineOptions& options = {});
 
 }  // namespace evpose::client

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// 3MF files (3D Manufacturing Format, Core Specification 1.3). Assimp 5.2.5 does not check their indices and damages
-// its memory on files with colours.
+// 3MF files (3D Manufacturing Format, Core Specification 1.3). Assimp 5.2.5 does not check their indices and corrupts
+// memory when it reads files with colours.
 #pragma once
 
 #include <cstddef>

@@ -71,10 +71,10 @@ class RecordedPoses {
 };
 
 // Reads the poses of the objects, by ID, from a TUM, CSV or JSON lines file, and converts them to camera_from_object;
-// `frame` is that of --world-from-camera. If the path contains
-// "{object}", there is one file for each object. If the file has poses of a single ID and there is a single object,
-// they are those of this object whatever the ID. Errors name the path: those of VisitPoses() and FrameToCamera();
-// INVALID_ARGUMENT for poses of an object that is not in `object_ids`.
+// `frame` is that of --world-from-camera. If the path contains "{object}", there is one file for each object. If the
+// file has poses of a single ID and there is a single object, they are those of this object whatever the ID. Errors
+// name the path: those of VisitPoses() and FrameToCamera(); INVALID_ARGUMENT for poses of an object that is not in
+// `object_ids`.
 absl::StatusOr<std::map<std::string, RecordedPoses>> ReadRecordedPoses(const std::string& path,
                                                                        const std::vector<std::string>& object_ids,
                                                                        const PoseFrame& frame = {});

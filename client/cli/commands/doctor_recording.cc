@@ -92,7 +92,7 @@ void RecordingExamination::AddPiece(absl::Span<const Event> events) {
 
 void RecordingExamination::Report(const std::optional<CameraModel>& camera, DoctorReport& report) const {
   const std::string encoding(EncodingName(header_.encoding));
-  // The rest is of a time that is not examined, or has no time.
+  // The other events are outside the interval that is examined, or have no time.
   const std::string of_all = diagnosis_->num_events() == facts_.counts.cd_events
                                  ? ""
                                  : absl::StrFormat(" of the %d that were decoded,", facts_.counts.cd_events);

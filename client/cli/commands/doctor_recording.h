@@ -36,8 +36,8 @@ class RecordingExamination {
 
   // Errors: those of OpenRecording() and of reading; CANCELLED after an interrupt.
   absl::Status Read(const std::optional<CameraModel>& camera);
-  // Appends the findings of the events, and those of the camera and the model if they were given. To be called after
-  // Read().
+  // Appends the findings of the events, and the result of comparing the recording with the camera, which is "not
+  // checked" without a camera. To be called after Read().
   void Report(const std::optional<CameraModel>& camera, DoctorReport& report) const;
 
   // The larger side of the moving region, pixels; 0 if nothing moves.

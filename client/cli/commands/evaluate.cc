@@ -273,9 +273,8 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
   app.footer(
       "Columns of the table:\n"
       "  cover    share of the truth's duration with a pose within 5 % of the depth and 10 deg of the truth\n"
-      "  ambig    share with AMBIGUOUS poses of a .csv or .jsonl file (TUM has none), which count as neither tracked "
-      "nor lost and are\n"
-      "           left out of the errors\n"
+      "  ambig    share with AMBIGUOUS poses of a .csv or .jsonl file (TUM has none), which count as neither\n"
+      "           tracked nor lost and are left out of the errors\n"
       "  reproj   mean distance in the image of the ends of the model's lines from their true places\n"
       "  surface  mean distance of the object's surface from that at the true pose (ADD-S): 0 for all poses that look\n"
       "           the same, whatever the symmetry\n"

@@ -13,9 +13,8 @@
 
 namespace evpose::client {
 
-// Returns a PNG file with six views of the model, four from above and the side, two along its vertical; each shows the
-// faces in grey, and the visible edge elements in the colour of their kind. Errors: INTERNAL if the image cannot be
-// encoded.
+// Returns a PNG file with six views of the model, four oblique ones and two along the z axis; each shows the faces in
+// grey, and the visible edge elements in the colour of their kind. Errors: INTERNAL if the image cannot be encoded.
 absl::StatusOr<std::string> DrawModel(const ObjectModel& model, const std::string& title);
 
 }  // namespace evpose::client

@@ -23,8 +23,8 @@ struct PageArguments {
   void AddTo(CLI::App& app);
   // Errors: those of CheckHasPage() and PageServer::Listen().
   absl::StatusOr<std::unique_ptr<PageServer>> Listen() const;
-  // Serves the page and prints its address in one line on `out`. `source` must outlive the server. A browser that
-  // cannot be opened is reported on `err`, and an address that other machines can reach.
+  // Serves the page and prints its address in one line on `out`. `source` must outlive the server. Reports on `err`
+  // a browser that cannot be opened, and an address that other machines can reach.
   void Serve(PageServer& server, ViewSource& source, std::ostream& out, std::ostream& err) const;
 };
 

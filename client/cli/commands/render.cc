@@ -134,7 +134,7 @@ std::string DescribeNoPoseAt(const RenderInputs& inputs, int64_t at_us) {
                          Seconds(at_us), inputs.max_gap_us / 1000);
 }
 
-// Returns whether the poses are of other times than the events: the reason, or an empty text.
+// Returns a text with both intervals if the poses and the events have no time in common; otherwise an empty text.
 std::string DescribeOtherTimes(const RenderArguments& arguments, const RenderInputs& inputs, const TimeSpan& events) {
   if (inputs.poses().empty()) return "";
   const TimeSpan poses = {inputs.poses().front().t_us, inputs.poses().back().t_us};

@@ -17,7 +17,7 @@ namespace evpose::client {
 struct PoseFileFacts {
   std::string transform;         // as the file states it (PoseHeader()), otherwise camera_from_object
   bool has_covariances = false;  // false: those of the poses are zero
-  bool has_losses = false;       // true: the poses have their latest loss (PoseHeader()), also if there was none
+  bool has_losses = false;       // true: the file states the latest loss before each pose (pose_columns.h)
 };
 
 // A pose as the file has it: the field camera_from_object is the file's transform. What the format does not state has

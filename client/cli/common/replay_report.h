@@ -53,8 +53,8 @@ struct ReplayReport {
   Json ToJson() const;
   // Whether poses were found, but no file has one, because all are AMBIGUOUS.
   bool HasOnlyFilesWithoutPose() const;
-  // IDs of the objects of which no pose was found; none if poses were received that an earlier process, or nobody,
-  // knows.
+  // IDs of the objects of which no pose was found. Empty if this process has not received all poses, because an earlier
+  // process may have received those of the object.
   std::vector<std::string> ObjectsWithoutPose() const;
   // Whether there is a file that an earlier run has written, and this run has not.
   bool KeepsOlderFiles() const;

@@ -59,7 +59,7 @@ std::vector<std::string> Environment() {
   _exit(127);
 }
 
-// Up to the line feed, or what came before the end.
+// Returns the bytes before the next line feed, or before the end of the pipe.
 std::string ReadLine(int descriptor) {
   std::string line;
   char next = 0;

@@ -113,7 +113,8 @@ class SessionRun::LagWatch {
  private:
   // A quarter of the lag from which on a run counts as late (LagMessages::kLate).
   static constexpr absl::Duration kPeriod = absl::Milliseconds(250);
-  // At the start, a live source has waited for the session, and the object is searched for.
+  // Time at the start in which no lag is reported: a live source has waited for the session, and the object is searched
+  // for.
   static constexpr absl::Duration kStart = absl::Seconds(2);
 
   void Watch(const std::stop_token& ended) {
@@ -122,7 +123,7 @@ class SessionRun::LagWatch {
       if (SystemClock().Now() - begin > kStart) Report(/*is_over=*/false);
     }
   }
-  // After the run, its result is reported, and not the lag of what it has left.
+  // With `is_over`, the run has ended, and its result is reported instead of a lag that remains.
   void Report(bool is_over) {
     const bool is_explained = is_over || run_.is_away_ || run_.server_falls_behind_;
     run_.PrintLine(messages_.Update(run_.feed_->Lag(run_.processed_seq_), is_explained));

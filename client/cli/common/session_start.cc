@@ -64,8 +64,8 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     change.source_waits = state.is_waiting;
     run.PrintLine(run.connection().Describe(change));
   };
-  // Until a server has been reachable, there is one attempt, for the whole --connect-timeout; a session that is
-  // continued has been there, so that the attempts are repeated from the start.
+  // Until a server has been reachable, there is one attempt, for the whole --connect-timeout. For a session that is
+  // continued, a server has been reachable in the earlier run, so that the attempts are repeated from the start.
   const auto may_wait = [&] { return was_connected || options.continues_session; };
   while (true) {
     const double timeout_s = may_wait() ? absl::ToDoubleSeconds(kConnectSlice) : arguments.server.connect_timeout_s;

@@ -12,8 +12,8 @@
 
 namespace evpose::client {
 
-// Implements the Track protocol on a port of the loopback interface: grants unlimited credit, sends no poses, and ends
-// with a summary of the bytes received.
+// Implements the Track protocol on a port of the loopback interface: acknowledges each chunk at once, with the credit
+// of evpose-server, sends no poses, and ends with a summary of the bytes received.
 class TransportSink {
  public:
   // Error: UNAVAILABLE if no port is available.

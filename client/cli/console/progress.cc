@@ -12,7 +12,7 @@ namespace {
 constexpr size_t kBarWidth = 24;  // columns: the line with the other numbers fits a terminal of 80
 constexpr absl::Duration kRedraw = absl::Milliseconds(100);  // shorter times are not seen, and cost output
 constexpr absl::Duration kLineEvery = absl::Seconds(5);      // where a line cannot be replaced, as in a log file
-// Before, the time left depends on the start of the work.
+// Before this time and this share of the work, an estimate of the time left would depend mostly on the first steps.
 constexpr absl::Duration kSettled = absl::Seconds(2);
 constexpr double kSettledRatio = 0.02;
 

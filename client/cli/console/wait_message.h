@@ -33,7 +33,8 @@ auto WaitFor(const CliContext& context, const std::string& what, const Call& cal
   return call();
 }
 
-// The same for the first bytes of a recording: only standard input and pipes are waited for.
+// Returns a message that states the wait for the first bytes of a recording; nullopt for a path that is neither
+// standard input nor a pipe, because files are not waited for.
 std::optional<WaitMessage> WaitForRecording(const CliContext& context, const std::string& path);
 
 }  // namespace evpose::client

@@ -30,9 +30,8 @@ class FramePainter {
   void DrawModel(const std::optional<RigidTransform>& camera_from_object);
   void DrawLegend(int64_t t_us, double window_ms, const std::optional<RigidTransform>& camera_from_object);
 
-  const cv::Mat& image() const {
-    return image_;
-  }  // BGR, 8 bits; scale() pixels for each of the sensor, in each direction
+  // BGR, 8 bits; scale() pixels for each pixel of the sensor, in each direction.
+  const cv::Mat& image() const { return image_; }
   int scale() const { return scale_; }
 
  private:

@@ -11,8 +11,8 @@ constexpr size_t kAedat2RecordBytes = 8;  // address and time, 32 bits each
 // The layouts are those of jAER's classes DVS128 and DavisBaseCamera.
 constexpr uint32_t kDvs128Addresses = 0x10000;
 constexpr uint32_t kDvs128Special = 0x8000;
-constexpr uint32_t kDavisSample =
-    0x80000000;  // marks a sample of an image, or with all of kDavisImu of the inertial sensor
+// Marks a sample of an image, or, if all bits of kDavisImu are set, too, one of the inertial sensor.
+constexpr uint32_t kDavisSample = 0x80000000;
 constexpr uint32_t kDavisImu = 0xc00;
 constexpr uint32_t kDavisTrigger = 0x400;
 

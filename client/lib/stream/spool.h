@@ -16,8 +16,8 @@ namespace evpose::client {
 
 struct SpoolOptions {
   std::string directory;  // created with mode 0700 if it does not exist; its files have mode 0600
-  uint64_t max_bytes =
-      8ull << 30;  // limit of all files together, at least 16 MiB; each file has at most about a 128th of it
+  // Limit of all files together, at least 16 MiB; each file has at most about a 128th of it.
+  uint64_t max_bytes = 8ull << 30;
   // Whether the files have names, so that the next Open() finds them. Otherwise they are unlinked, and the disk space
   // is released when the process ends for any reason. They are not synced: a power failure loses the last chunks.
   bool outlives_process = false;

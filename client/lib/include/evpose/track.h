@@ -54,9 +54,9 @@ struct TrackPosition {
 };
 
 struct TrackProgress {
-  uint64_t sent_bytes = 0;
-  uint64_t processed_chunks = 0;
-  uint64_t poses = 0;
+  uint64_t sent_bytes = 0;        // of the session, on all streams, without repetitions
+  uint64_t processed_chunks = 0;  // by the server; with resets
+  uint64_t poses = 0;             // delivered, on all streams
 };
 
 // Returns the trace ID of a session: 32 hexadecimal digits, by which the log and the exemplars of the metrics of every

@@ -124,7 +124,9 @@ struct ContinuousSymmetry {
   Kind kind = Kind::kAxis;
   Eigen::Vector3d centre_m = Eigen::Vector3d::Zero();  // object frame; a point of the axis, or the centre
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();      // unit; zero for a sphere
-  bool is_flippable = false;  // so do the half turns about the axes through the centre that are perpendicular to `axis`
+  // Whether half turns about the axes through the centre that are perpendicular to `axis` map the object onto itself,
+  // too.
+  bool is_flippable = false;
 };
 
 struct ModelInfo {
