@@ -312,10 +312,10 @@ bool VirtualUser::PlanRetry(const absl::Status& status, Time now) {
 
 void VirtualUser::RecordPause() {
   if (session_.last_t_us < 0) return;
-  // A session that ended with an error was silent from its last pose on.
+  // If the session ended with an error, the time since its last pose counts as a pause, too.
   if (!session_.has_summary) {
-    const auto silence = std::chrono::steady_clock::now() - session_.last_arrival;
-    session_.pause.longest_us = std::max(session_.pause.longest_us, MicrosecondsOf(silence));
+    const auto since_last_pose = std::chrono::steady_clock::now() - session_.last_arrival;
+    session_.pause.longest_us = std::max(session_.pause.longest_us, MicrosecondsOf(since_last_pose));
   }
   counts_.pauses.push_back(session_.pause);
 }

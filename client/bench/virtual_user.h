@@ -50,7 +50,7 @@ class VirtualUser {
 
   // Does what is due at `now`, the nominal time of this call: multiples of the chunk's duration apart.
   void Act(Time now);
-  // The latencies and pauses before do not count.
+  // Discards the latencies and pauses measured before this call.
   void BeginMeasuring();
   // Ends the session; the next one follows.
   void Replace();

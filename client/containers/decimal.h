@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Exact numbers of text.
+// Reads decimal numbers in text without binary rounding.
 #pragma once
 
 #include <cstdint>

@@ -17,7 +17,7 @@ struct TextLayout {
   ColumnLayout columns;
   std::optional<SensorGeometry> geometry;  // of a line "%geometry:W,H" or, before the events, "W H"
   int64_t time_offset_us = 0;              // of a line "%time_offset_us:N"
-  int num_heading_lines = 0;               // without an event before the first one, lines of '%' and '#' excepted
+  int num_heading_lines = 0;               // lines before the first event, other than empty ones and comments
   bool has_commas = false;
 };
 

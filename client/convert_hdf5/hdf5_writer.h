@@ -21,9 +21,9 @@ namespace evpose::client {
 // event at or before the beginning of this period, and its time after the first event.
 class PeriodIndex {
  public:
-  // Adds the entries that the next event completes to `rows`, until these are `max_rows`: an event after a long gap
-  // completes millions. False if some are left; then empty `rows` and call it again with the same event. Times may step
-  // back; then they complete none.
+  // Appends to `rows` the entries that the next event completes, until `rows` has `max_rows` entries: an event after a
+  // long gap completes millions. Returns false if some are left; then empty `rows` and call it again with the same
+  // event. An event whose time is earlier than that of the event before completes none.
   bool Add(int64_t t_us, size_t max_rows, std::vector<IndexRow>& rows);
   // Adds the last entry, if there were events.
   void Finish(std::vector<IndexRow>& rows) const;

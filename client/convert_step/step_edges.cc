@@ -32,7 +32,8 @@ namespace {
 // below this one (10 degrees). The same bound holds for the normals that a model file states (core/mesh/README.md,
 // section 8).
 constexpr double kMaxSmoothAngle = 10.0 * std::numbers::pi / 180.0;
-// Pieces of one segment of a free curve. Those of the triangulation turn by 0.3 rad at most.
+// Largest number of pieces into which a segment of a free curve is divided. The segments are those of the
+// triangulation, which turn by 0.3 rad at most (StepOptions::turn_rad).
 constexpr double kMaxPieces = 16.0;
 // Largest distance between a node of an edge and its circle, relative to the radius; a fifth of what a server accepts.
 constexpr double kMaxFromCircle = 0.002;

@@ -21,7 +21,7 @@ namespace {
 
 // The number of the format in bundle.json. It is raised when earlier programs cannot read the archive any more.
 constexpr int kBundleFormat = 1;
-constexpr size_t kMaxBundleBytes = size_t{256} << 20;
+constexpr size_t kMaxBundleBytes = size_t{256} << 20;  // bounds memory: an archive is read as a whole
 constexpr char kFolder[] = "evpose-bundle/";
 constexpr char kFacts[] = "bundle.json";
 constexpr char kRecording[] = "recording.raw";

@@ -32,8 +32,8 @@ class SliceReader final : public RecordingReader {
   const int64_t size_ = static_cast<int64_t>(data_.size());
 };
 
-// Measures the time that the times of a decoder of the slice lack, because the slice does not contain the earlier wraps
-// of the clock.
+// Measures by how much the times that a decoder reads from the slice are too early, because the slice does not contain
+// the earlier wraps of the clock.
 class ClockOffset {
  public:
   explicit ClockOffset(Encoding encoding) : word_bytes_(static_cast<size_t>(WordBytes(encoding))), scanner_(encoding) {}

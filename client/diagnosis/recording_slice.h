@@ -25,7 +25,7 @@ struct SliceOptions {
 };
 
 struct RecordingSlice {
-  std::string file;      // with its header; time_offset_us in it is what its times lack
+  std::string file;      // with a header, whose time_offset_us is to be added to the decoded times
   int64_t begin_us = 0;  // sensor times of the recording, to a millisecond
   int64_t end_us = 0;
   uint64_t data_bytes = 0;  // after the header

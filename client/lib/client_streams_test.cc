@@ -162,14 +162,14 @@ TEST_F(WatchTest, AServerThatStaysFencedIsAskedAfterGrowingDelays) {
   };
   // Without jitter the delays are 0.1, 0.2, 0.4, 0.8, 1.6 and 3.2 s, 6.3 s together. The jitter shortens each of them
   // by up to a half.
-  const absl::Duration silent = watch();
-  EXPECT_GE(silent, absl::Seconds(3.15));
-  EXPECT_LE(silent, absl::Seconds(6.3));
+  const absl::Duration without_responses = watch();
+  EXPECT_GE(without_responses, absl::Seconds(3.15));
+  EXPECT_LE(without_responses, absl::Seconds(6.3));
   // After a response the first delay comes again.
   responds = true;
-  const absl::Duration responding = watch();
-  EXPECT_GE(responding, absl::Seconds(0.3));
-  EXPECT_LE(responding, absl::Seconds(0.6));
+  const absl::Duration with_responses = watch();
+  EXPECT_GE(with_responses, absl::Seconds(0.3));
+  EXPECT_LE(with_responses, absl::Seconds(0.6));
 }
 
 TEST_F(WatchTest, AStopRequestEndsTheDelay) {

@@ -41,8 +41,8 @@ class SessionObserver {
                   SessionObserverOptions options);
   ~SessionObserver() { Stop(); }
 
-  // Ends when the models are recorded or the last attempt to get them has failed, after the last message of a session
-  // that has ended, at the latest a second later.
+  // To be called when the session has ended. Waits until the models are recorded or the last attempt to get them has
+  // failed, and then for at most a second until the last messages are recorded. Then calls Stop().
   void Finish();
   // Cancels the calls to the server.
   void Stop();

@@ -67,7 +67,7 @@ const Json& Member(const Json& json, const char* name) {
   return found == json.end() ? kNone : *found;
 }
 
-// The names in a list, without what is no name.
+// The strings in a list; other values are left out.
 std::vector<std::string> Names(const Json& list) {
   std::vector<std::string> names;
   if (!list.is_array()) return names;

@@ -105,7 +105,7 @@ absl::StatusOr<ModelFile> AddImages(const std::string& path, double metres_per_u
   return EncodeFile(scene->mesh, std::move(scene->notices), max_bytes);
 }
 
-// Makes points in the same place one, in the order of their first one.
+// Replaces the points at each position by the first of them, and keeps the order.
 void SharePoints(RawMesh& mesh) {
   absl::flat_hash_map<std::array<double, 3>, uint32_t> numbers;
   std::vector<uint32_t> number_of;

@@ -18,7 +18,8 @@
 namespace evpose::client {
 namespace {
 
-// Edges nearer to the boundary of the parts of an image that are on the surface, pixels, are that boundary.
+// Margin, pixels. An edge that is nearer to the boundary of the parts of an image that are on the surface is taken for
+// that boundary.
 constexpr int kMarginPx = 2;
 // Repetitions of an image on one triangle; more are the texture of a floor, not the edges of an object.
 constexpr int kMaxRepetitions = 64;

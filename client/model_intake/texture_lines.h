@@ -12,7 +12,8 @@
 namespace evpose::client {
 
 struct TextureLineOptions {
-  // Most lines of a model. Those of a carton with labels are some hundred; of a photograph, the strongest are kept.
+  // Largest number of lines of a model. A carton with labels has some hundred; a photograph has more, of which the
+  // strongest are kept.
   size_t max_lines = 2000;
   // Edges that are shorter on the object, relative to the diagonal of its bounding box: 3 px at a size of 300 px.
   double min_length_ratio = 0.01;

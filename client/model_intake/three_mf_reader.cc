@@ -100,7 +100,7 @@ class Builder {
     return absl::OkStatus();
   }
 
-  // The type of an object without a mesh of its own says nothing: its components have theirs (specification, 4).
+  // The type of an object without a mesh of its own is ignored: its components have theirs (specification, 4).
   absl::Status AddMesh(const ThreeMfObject& object, const Eigen::Affine3d& placed) {
     num_beams_ += object.has_beams ? 1 : 0;
     if (object.triangles.empty()) return absl::OkStatus();

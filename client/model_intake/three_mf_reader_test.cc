@@ -130,7 +130,7 @@ TEST_F(ThreeMfReaderTest, SupportsAndAuxiliaryObjectsAreNotThePart) {
   const std::string objects = absl::StrCat(
       Object(1, kMesh), Object(2, kMesh, "type=\"support\""), Object(3, kMesh, "type=\"solidsupport\""),
       Object(4, kMesh, "type=\"other\""), Object(5, kMesh, "type=\"surface\""),
-      // The type of an object with components says nothing.
+      // The type of an object with components is ignored.
       Object(6, "<components><component objectid=\"1\"/><component objectid=\"4\"/></components>", "type=\"other\""));
   const std::string all = "<item objectid=\"2\"/><item objectid=\"3\"/><item objectid=\"5\"/><item objectid=\"6\"/>";
   const absl::StatusOr<Scene> scene = ReadModel(Model(objects, all));

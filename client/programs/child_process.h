@@ -34,8 +34,9 @@ class ChildProcess {
   // Writes all bytes to its standard input. Errors: those of Wait() if it has ended, otherwise UNAVAILABLE.
   absl::Status Write(absl::Span<const uint8_t> bytes);
 
-  // Ends its standard input and waits until it ends. Errors: INVALID_ARGUMENT with the last line of its standard error,
-  // without its name, if its exit status is not 0; INTERNAL if it crashed. Later calls return the same.
+  // Closes the program's standard input and waits until the program ends. Errors: INVALID_ARGUMENT with the last line
+  // of its standard error, without its name, if its exit status is not 0; INTERNAL if it crashed. Later calls return
+  // the same.
   absl::Status Wait();
 
   // What it has written to its standard error: at most the last 64 KiB.

@@ -54,7 +54,8 @@ class PageOutbox {
   void AddNote(std::string text);
   void SetImage(PageImage image);
 
-  // Returns whether no image waits. A source that makes images on demand then makes the next one.
+  // Returns whether an image that is set now can be sent: no other one waits, and fewer than kMaxUnacknowledged are
+  // unacknowledged. A source that makes images on demand then makes the next one.
   bool WantsImage() const;
 
   // Called by the connection. Returns the next frame; nullopt if nothing can be sent now.

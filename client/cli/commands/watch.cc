@@ -39,11 +39,13 @@ struct WatchArguments {
 };
 
 // Prints the states of the objects on standard error when they change, with the reason for a missing pose; and, once
-// for each pause of at least `silence` without poses, a line that it is waiting. Thread-safe.
+// for each pause of at least `notice_delay` without poses, a line that it is waiting. Thread-safe.
 class StateLines {
  public:
-  StateLines(std::ostream& err, const std::string& session, absl::Duration silence)
-      : err_(err), silence_(silence), thread_([this, session](std::stop_token stop) { Wait(session, stop); }) {}
+  StateLines(std::ostream& err, const std::string& session, absl::Duration notice_delay)
+      : err_(err),
+        notice_delay_(notice_delay),
+        thread_([this, session](std::stop_token stop) { Wait(session, stop); }) {}
 
   void PosesArrived() {
     const std::lock_guard lock(mutex_);
@@ -83,13 +85,13 @@ class StateLines {
 
  private:
   void Wait(const std::string& session, const std::stop_token& stop) {
-    absl::Time due = SystemClock().Now() + silence_;
+    absl::Time due = SystemClock().Now() + notice_delay_;
     while (SystemClock().SleepUntil(due, stop)) {
       const std::lock_guard lock(mutex_);
-      due = poses_at_ + silence_;
+      due = poses_at_ + notice_delay_;
       const absl::Time now = SystemClock().Now();
       if (due > now) continue;
-      due = now + silence_;
+      due = now + notice_delay_;
       if (!is_waiting_) err_ << "waiting for poses of " << session << " ..." << std::endl;
       is_waiting_ = true;
     }
@@ -97,7 +99,7 @@ class StateLines {
 
   std::mutex mutex_;
   std::ostream& err_;
-  const absl::Duration silence_;
+  const absl::Duration notice_delay_;
   absl::Time poses_at_ = absl::InfinitePast();
   bool is_waiting_ = false;
   std::map<std::string, std::string> shown_;
@@ -105,7 +107,7 @@ class StateLines {
 };
 
 // Time without poses after which the command says that it waits for them. Poses of a limited rate come seldom.
-absl::Duration Silence(const WatchArguments& arguments) {
+absl::Duration NoticeDelay(const WatchArguments& arguments) {
   const std::optional<double> rate_hz = arguments.poses.max_rate_hz;
   return absl::Seconds(std::max(1.0, rate_hz ? 2.0 / *rate_hz : 0.0));
 }
@@ -246,7 +248,7 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   if (stop.stop_requested()) return absl::OkStatus();
   if (!session.ok()) return SessionError(arguments.session, session.status());
   EVPOSE_ASSIGN_OR_RETURN(PoseOutput output, PoseOutput::Open(arguments, frame, *session, context));
-  StateLines states(context.err, arguments.session, Silence(arguments));
+  StateLines states(context.err, arguments.session, NoticeDelay(arguments));
   bool has_poses = false;
   const auto on_poses = [&](const std::vector<Pose>& poses, uint64_t num_skipped) {
     states.PosesArrived();

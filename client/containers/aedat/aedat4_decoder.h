@@ -16,7 +16,7 @@
 
 namespace evpose::client {
 
-// Most bytes of the content of a packet that is read: 4 million events. DV cuts packets after 10 ms.
+// Limit of the content of a packet, bytes: 4 million events. Larger packets are not read. DV cuts packets after 10 ms.
 inline constexpr size_t kMaxAedat4PacketBytes = size_t{64} << 20;
 
 struct Aedat4Header {

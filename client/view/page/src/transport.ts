@@ -7,7 +7,7 @@ import type { Store } from "./store";
 
 const SPEEDS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
 const SCRUBBER_STEPS = 100000;
-/** Time after which a seek that no image has answered is given up. */
+/** Time after which a seek is given up if no image has been drawn for it. */
 const SEEK_TIMEOUT_MS = 1000;
 
 export class Transport {
