@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // Writes the events of a Prophesee camera to standard output as a RAW stream, through the HAL of OpenEB 5, for example:
-//   capture_camera --biases camera.bias | evpose stream - --model object.obj --camera camera.yaml --server
-//   tracker:50051
+//   capture_camera --biases camera.bias |
+//     evpose stream - --model object.obj --camera camera.yaml --server tracker:50051
 // Every buffer of the HAL is written at once. deploy/sensors/README.md has the effect of the options.
 #include <metavision/hal/device/device.h>
 #include <metavision/hal/device/device_discovery.h>
