@@ -13,6 +13,7 @@ namespace {
 
 // Limits of times that the server or the caller may choose. A longer wait overflows the clock of the standard library.
 constexpr absl::Duration kLongestWait = absl::Hours(24 * 365);
+// Least period of the empty chunks that keep a stream alive, however short the idle timeout that the server states.
 constexpr absl::Duration kShortestKeepAlive = absl::Milliseconds(5);
 
 }  // namespace
@@ -54,7 +55,7 @@ void Uplink::Stop() {
 void Uplink::Run(uint64_t next_seq, absl::Duration idle_timeout) {
   std::jthread keep_alive;
   if (idle_timeout > absl::ZeroDuration()) {
-    // The time without a message is less than two periods.
+    // The time without a message is less than two periods, which are a third of the server's limit.
     const absl::Duration period = std::max(idle_timeout / 6, kShortestKeepAlive);
     keep_alive = std::jthread([this, period](const std::stop_token& stop) { KeepAlive(period, stop); });
   }

@@ -117,7 +117,7 @@ def _converted(pose: Pose, convert: Callable[[Transform], Transform], jacobian: 
 
 
 def in_world(pose: Pose, world_from_camera: Transform) -> Pose:
-    """Returns the pose in the frame in which a camera at rest has this pose, such as that of a robot: world_from_object, as
+    """Returns the pose in a frame in which the camera is at rest, such as that of a robot: world_from_object, as
     `evpose replay --world-from-camera` writes it. The covariance is of a perturbation on the left in that frame; the twist is the velocity
     of the object's origin, and the rotation rate, in its axes. In the result, camera_from_object is world_from_object."""
     jacobian = np.zeros((6, 6))

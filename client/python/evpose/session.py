@@ -45,7 +45,7 @@ class Session:
             return
         try:
             self.delete()
-        except EvposeError:  # the session expires later; the first exception says what went wrong
+        except EvposeError:  # the session expires later; the first exception has the cause
             if kind is None:
                 raise
 

@@ -27,6 +27,7 @@ SERVICE = "/evpose.v1.SessionService/"
 TRACK = SERVICE + "Track"
 # Bytes of the longest word of any encoding. The limit of a chunk that a server states must not be smaller.
 _WORD_BYTES = 8
+# Least period of the empty chunks that keep a stream alive, however short the idle timeout that the server states.
 _SHORTEST_KEEP_ALIVE_S = 0.005
 _FROM_TO_JSON = "give the text of TrackPosition.to_json()"
 
@@ -284,7 +285,7 @@ class StreamAttempt:
         self._take_position(attached)
         with self._changed:
             idle_s = seconds(attached.idle_timeout)
-            # The time without a message is less than two periods.
+            # The time without a message is less than two periods, which are a third of the server's limit.
             self._keep_alive_s = max(idle_s / 6.0, _SHORTEST_KEEP_ALIVE_S) if idle_s > 0.0 else math.inf
             self._send_limit_bytes = attached.send_limit_bytes
             self._sent_seq = attached.next_seq - 1

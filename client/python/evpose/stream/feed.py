@@ -22,8 +22,9 @@ EventSource = Iterable[EventItem]
 
 # A multiple of the word sizes of all encodings.
 _WORD_BYTES = 8
+# Bytes that are read ahead of what is sent, unless the source is live.
 _READ_AHEAD_BYTES = 1 << 20
-# Resets of the caller that wait for the source to return.
+# Limit of the resets of the caller that wait for the source to return; bounds memory.
 _MAX_PENDING_RESETS = 1000
 
 

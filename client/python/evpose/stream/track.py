@@ -33,10 +33,10 @@ class TrackOptions:
     """How a stream is kept.
 
     retry              when a broken stream is tried again
-    memory_bytes       limit of the chunks that wait for the server, or that it may request again; then the source waits
+    memory_bytes       limit of the chunks that wait for the server, or that it may request again; beyond it, the source waits
     is_live            the source is read during an outage, too, up to memory_bytes
     retain             how long chunks are kept after they have become durable, beside memory_bytes
-    attach_timeout_s   a server that accepts the call responds at once
+    attach_timeout_s   longest wait for the response to an attach; a server that accepts the call responds at once
     on_notice, on_connection, on_position   called in the thread that reads the poses, in the order of the server's messages.
                        on_position(position, has_new_token) comes after each ack, and with a new token before a message that
                        invalidates the previous one. An exception ends the stream.
