@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "absl/types/span.h"
 #include "client/diagnosis/tar_file.h"
@@ -169,6 +170,18 @@ absl::StatusOr<Bundle> BundleOf(Files files) {
 
 }  // namespace
 
+// A larger archive could not be read again.
+absl::Status CheckSize(const std::string& path, const Files& files) {
+  constexpr size_t kHeaderBytes = 1024;  // of a file, with its padding
+  size_t bytes = 4 * kHeaderBytes;       // the sums and the end of the archive
+  for (const auto& [name, contents] : files) bytes += kHeaderBytes + contents.size();
+  if (bytes <= kMaxBundleBytes) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrFormat("%s: the bundle would have %d MB, and at most %d MB can be read again: give a shorter "
+                      "--duration, or a simpler model",
+                      path, bytes >> 20, kMaxBundleBytes >> 20));
+}
+
 absl::Status WriteBundle(const std::string& path, const Bundle& bundle) {
   std::string model_name;
   for (const auto& [format, name] : kModelNames) {
@@ -182,6 +195,7 @@ absl::Status WriteBundle(const std::string& path, const Bundle& bundle) {
                  {kSensor, SensorProfileToYaml(bundle.sensor)},
                  {kPoses, bundle.poses},
                  {kReport, bundle.report}};
+  EVPOSE_RETURN_IF_ERROR(CheckSize(path, files));
   files[kSums] = SumsOf(files);
   EVPOSE_ASSIGN_OR_RETURN(TarWriter writer, TarWriter::Create(path));
   for (const auto& [name, contents] : files) writer.Add(kFolder + name, contents);

@@ -28,7 +28,8 @@ struct Bundle {
   std::string report;        // JSON, of evpose doctor; for people
 };
 
-// Writes the archive, which appears under its name when it is complete. Errors: those of TarWriter.
+// Writes the archive, which appears under its name when it is complete. Errors: those of TarWriter; INVALID_ARGUMENT
+// with the path for a bundle of more than 256 MiB, which ReadBundle() would refuse.
 absl::Status WriteBundle(const std::string& path, const Bundle& bundle);
 
 // Errors name the path: those of ReadTar() and of reading the parts; INVALID_ARGUMENT with the name of a missing or

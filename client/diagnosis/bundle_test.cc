@@ -85,6 +85,17 @@ TEST_F(BundleTest, ReadsWhatItWritesToTheBit) {
   EXPECT_EQ(bundle->report, expected.report);
 }
 
+TEST_F(BundleTest, ABundleThatCouldNotBeReadIsNotWritten) {
+  Bundle large = Example();
+  large.poses.assign(size_t{256} << 20, ' ');
+  const std::string before = *ReadFile(path_, 1 << 20);
+  const absl::Status status = WriteBundle(path_, large);
+  EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+  EXPECT_THAT(status.message(), HasSubstr(path_));
+  EXPECT_THAT(status.message(), HasSubstr("shorter --duration"));
+  EXPECT_EQ(*ReadFile(path_, 1 << 20), before);
+}
+
 TEST_F(BundleTest, AChangedByteOfAnyFileIsAnError) {
   const std::string bytes = *ReadFile(path_, 1 << 20);
   const auto files = *ReadTar(path_, 1 << 20);

@@ -9,7 +9,7 @@ namespace evpose::client {
 namespace {
 
 RosStatus DiagnoseSession(const SessionHealth& health) {
-  const bool falls_behind = health.real_time_ratio > 1.0;
+  const bool falls_behind = health.processing.falls_behind;
   RosStatus status = {.level = falls_behind ? RosStatus::kWarn : RosStatus::kOk,
                       .name = "evpose",
                       .message = falls_behind ? "falls behind the camera" : "keeps up with the camera"};

@@ -11,7 +11,7 @@
 namespace evpose::client {
 
 // A status for the session, "evpose", and one for each object, "evpose: OBJECT": the names that deploy/ros2/poses uses.
-// The session is WARN if processing takes longer than the sensor time (real_time_ratio above 1), otherwise OK. The
+// The session is WARN if it falls behind the camera (ProcessingHealth::falls_behind), otherwise OK. The
 // objects are TRACKING: OK; LOST: ERROR; otherwise WARN, with the reason for a missing pose.
 std::vector<RosStatus> Diagnose(const SessionHealth& health);
 

@@ -241,6 +241,7 @@ TEST(RosEncoders, ImagesAndOutlines) {
 TEST(RosEncoders, DiagnosticsOfASession) {
   SessionHealth health;
   health.real_time_ratio = 1.5;
+  health.processing.falls_behind = true;
   health.event_rate_hz = 1.25e6;
   health.latency_p99 = absl::Milliseconds(2);
   health.dropped_events = 3;

@@ -11,6 +11,12 @@
 #include "core/events/event.h"
 
 namespace evpose::client {
+namespace {
+
+// Limit of the resets of the caller that wait for the source to return; bounds memory.
+constexpr size_t kMaxPendingResets = 1000;
+
+}  // namespace
 
 absl::StatusOr<std::unique_ptr<EventFeed>> EventFeed::Open(ChunkSource source, const FeedOptions& options) {
   OutboxOptions outbox_options = options.outbox;
@@ -129,6 +135,10 @@ absl::Status EventFeed::ResetPose(const PoseReset& reset) {
   EVPOSE_RETURN_IF_ERROR(reset.Validate());
   const std::lock_guard lock(mutex_);
   if (has_ended_) return absl::FailedPreconditionError("the events of the session have ended");
+  if (pending_resets_.size() >= kMaxPendingResets) {
+    return absl::FailedPreconditionError(
+        absl::StrCat(kMaxPendingResets, " resets wait for the source of events: call ResetPose() less often"));
+  }
   pending_resets_.push_back(reset);
   return absl::OkStatus();
 }

@@ -50,7 +50,7 @@ class EventFeed {
   // encoding. Calls after the first have no effect.
   void Start(uint64_t max_piece_bytes);
   // Inserts a reset after the chunks that were read so far, as soon as the source returns. Thread-safe. Errors:
-  // INVALID_ARGUMENT; FAILED_PRECONDITION if the events have ended.
+  // INVALID_ARGUMENT; FAILED_PRECONDITION if the events have ended, or 1000 resets wait for the source.
   absl::Status ResetPose(const PoseReset& reset);
   // Wakes the thread and joins it; a source that blocks must have been stopped before. Idempotent.
   void Stop();

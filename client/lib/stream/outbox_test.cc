@@ -456,6 +456,16 @@ TEST(EventFeedTest, NoResetAfterTheEnd) {
   EXPECT_THAT(status.message(), HasSubstr("the events of the session have ended"));
 }
 
+TEST(EventFeedTest, ResetsThatWaitForTheSourceAreLimited) {
+  const auto feed = EventFeed::Open(Source(1), {});
+  absl::Status status;
+  int num_resets = 0;
+  for (; status.ok() && num_resets <= 1000; ++num_resets) status = (*feed)->ResetPose({});
+  EXPECT_EQ(num_resets, 1001);
+  EXPECT_EQ(status.code(), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(status.message(), HasSubstr("call ResetPose() less often"));
+}
+
 TEST(EventFeedTest, ReadsAheadUpToTheLimit) {
   int num_read = 0;
   const ChunkSource source = [&]() -> absl::StatusOr<EventChunk> {

@@ -28,7 +28,8 @@ export interface Change {
 // 60 poses a second for a minute; the gateway thins a recording to 20,000 poses.
 const LIVE_POSES = 4096;
 const RECORDED_POSES = 20480;
-const MAX_CHANGES = 2000;
+/** The gateway sends at most this number of states of the objects of a recording (RecordedPoses::kMaxStates). */
+const MAX_CHANGES = 4096;
 const MAX_HEALTH = 1200;
 /** The gateway sends at most this number of intervals. */
 const MAX_INTERVALS = 2048;
