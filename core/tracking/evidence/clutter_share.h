@@ -26,8 +26,8 @@ class ClutterShare {
   // Adds a window, with the scores of each settled pose. Returns the weight of an event, in [0, 1], by polarity: 1
   // minus the share of clutter near the lines, the maximum over the poses.
   ByPolarity Update(absl::Span<const Scores> poses, int64_t t_us);
-  // Share of clutter among the events near the lines (both polarities): the minimum over the poses in a window, and the
-  // maximum of it over the last windows.
+  // Share of clutter among the events near the lines (both polarities): the minimum over the poses in a window, or a
+  // larger one of an earlier window after its decay (README, section 2).
   double ratio() const { return ratio_; }
 
   static void VisitState(auto& archive, auto& self);

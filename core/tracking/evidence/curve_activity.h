@@ -35,7 +35,7 @@ class CurveActivity {
  private:
   struct Counts {
     double events = 0.0;     // beyond those of the background
-    double swept_px2 = 0.0;  // by which the curve moved across itself meanwhile
+    double swept_px2 = 0.0;  // area that the curve swept while they occurred
     static void VisitState(auto& archive, auto& self) {
       auto& [events, swept_px2] = self;
       constexpr double kMax = 1e9;  // far above the memory of curve_activity.cc

@@ -78,7 +78,7 @@ void TrackHealth::EnterLines(const WindowInput& input, absl::Span<const ImageLin
     }
     WindowLine& line = window_lines_.emplace_back();
     line.curve = input.lines[first].curve;
-    line.places_per_px = static_cast<double>(line.along.size()) / length_px;
+    line.bins_per_px = static_cast<double>(line.along.size()) / length_px;
     if (!input.lines[first].is_element) return;
     line.lines = NumLines(input.lines.subspan(first, end - first), lines.subspan(first, end - first), length_px);
   });
@@ -121,9 +121,9 @@ void TrackHealth::AddOwnEvents(const LineGroup& group, const GroupLine& line, co
                                const CellTerms& cell) {
   WindowLine& window_line = window_lines_[place.window_line];
   const Lanes gate_px = AllLanes(options_.gate_px), near_px = AllLanes(cell.near_px);
-  const Lanes begin = AllLanes(place.begin_px * window_line.places_per_px);
-  const Lanes places_per_px = AllLanes(window_line.places_per_px);
-  const Lanes last_place = AllLanes(static_cast<double>(window_line.along.size()) - 1.0);
+  const Lanes begin = AllLanes(place.begin_px * window_line.bins_per_px);
+  const Lanes bins_per_px = AllLanes(window_line.bins_per_px);
+  const Lanes last_bin = AllLanes(static_cast<double>(window_line.along.size()) - 1.0);
   std::array<LaneMask, 2> gated = {}, near = {};  // by half of the line, minus the counts: a mask is -1
   for (const EventLanes& event : group.events) {
     const Lanes distance_px = line.DistancePx(event);
@@ -135,13 +135,13 @@ void TrackHealth::AddOwnEvents(const LineGroup& group, const GroupLine& line, co
     gated[1] += counts & is_second;
     near[0] += is_near & ~is_second;
     near[1] += is_near & is_second;
-    const Lanes along = begin + along_px * places_per_px;
-    const Lanes in_line = Select(along > 0.0f, Select(along < last_place, along, last_place), Lanes{});
-    for (int i = 0; i < kNumLanes; ++i) window_line.along[static_cast<int>(in_line[i])] -= counts[i];
+    const Lanes along = begin + along_px * bins_per_px;
+    const Lanes bins = Select(along > 0.0f, Select(along < last_bin, along, last_bin), Lanes{});
+    for (int i = 0; i < kNumLanes; ++i) window_line.along[static_cast<int>(bins[i])] -= counts[i];
   }
   const auto count = [](LaneMask mask) { return static_cast<double>(-(mask[0] + mask[1] + mask[2] + mask[3])); };
   for (int half = 0; half < 2; ++half) {
-    window_line.of[group.polarity].Add(count(gated[half]), count(near[half]), cell);
+    window_line.by_polarity[group.polarity].Add(count(gated[half]), count(near[half]), cell);
     window_sectors_[place.sector[half]].Add(count(gated[half]), count(near[half]), cell);
   }
 }
@@ -149,9 +149,9 @@ void TrackHealth::AddOwnEvents(const LineGroup& group, const GroupLine& line, co
 void TrackHealth::AddEvent(const NearEvent& event, const CellTerms& cell, WindowLine& line, Sector& sector) {
   const double share = OwnShare(event.distance_px, event.others_per_px);
   const double near = std::abs(event.distance_px) <= cell.near_px ? share : 0.0;
-  const double place = std::clamp(event.along_px * line.places_per_px, 0.0, line.along.size() - 1.0);
-  line.along[static_cast<int>(place)] += share;
-  line.of[event.polarity].Add(share, near, cell);
+  const double bin = std::clamp(event.along_px * line.bins_per_px, 0.0, line.along.size() - 1.0);
+  line.along[static_cast<int>(bin)] += share;
+  line.by_polarity[event.polarity].Add(share, near, cell);
   sector.Add(share, near, cell);
 }
 
@@ -177,7 +177,7 @@ EventConcentration TrackHealth::Concentration(const WindowInput& input, absl::Sp
   CountWindow(input, lines, fit);
   LineStatistics total;
   for (const WindowLine& line : window_lines_) {
-    for (const PolarityCounts& counts : line.of) AddExcess(counts, total);
+    for (const PolarityCounts& counts : line.by_polarity) AddExcess(counts, total);
   }
   return {ExcessSigma(total), total.right_excess > 0.0 ? total.excess / total.right_excess : 0.0};
 }
@@ -190,11 +190,11 @@ void TrackHealth::AddWindow(const CameraModel& camera, const WindowInput& input,
     statistics.lines = std::max(statistics.lines, line.lines);
     statistics.along += line.along;
     for (int polarity = 0; polarity < 2; ++polarity) {
-      statistics.gated += input.sampling.polarity_weight[polarity] * line.of[polarity].gated;
-      statistics.information += input.sampling.polarity_weight[polarity] * line.of[polarity].information;
-      AddExcess(line.of[polarity], statistics);
-      gated_ += line.of[polarity].gated;
-      recent_.gated += line.of[polarity].gated;
+      statistics.gated += input.sampling.polarity_weight[polarity] * line.by_polarity[polarity].gated;
+      statistics.information += input.sampling.polarity_weight[polarity] * line.by_polarity[polarity].information;
+      AddExcess(line.by_polarity[polarity], statistics);
+      gated_ += line.by_polarity[polarity].gated;
+      recent_.gated += line.by_polarity[polarity].gated;
     }
   }
   const double observed_ratio = input.sampling.observations_per_background_event;
@@ -395,13 +395,13 @@ bool TrackHealth::HasPower(const LineStatistics& line, double accepted_noise_rat
 }
 
 double TrackHealth::PresentRatio(const LineStatistics& line, double noise) const {
-  return IsExpected(line, noise, kTestableEvents) ? 1.0 : PresentPlaces(line, noise);
+  return IsExpected(line, noise, kTestableEvents) ? 1.0 : PresentBins(line, noise);
 }
 
-double TrackHealth::PresentPlaces(const LineStatistics& line, double noise) {
-  const auto places = static_cast<double>(line.along.size());
-  const double least = (noise + kTestableEvents) / places;
-  return static_cast<double>((line.along.array() >= least).count()) / places;
+double TrackHealth::PresentBins(const LineStatistics& line, double noise) {
+  const auto num_bins = static_cast<double>(line.along.size());
+  const double least = (noise + kTestableEvents) / num_bins;
+  return static_cast<double>((line.along.array() >= least).count()) / num_bins;
 }
 
 bool TrackHealth::IsDisplaced(size_t curve, double accepted_noise_ratio) const {
@@ -409,7 +409,7 @@ bool TrackHealth::IsDisplaced(size_t curve, double accepted_noise_ratio) const {
   line.Add(memory_[curve]);
   return ExcessSigma(line) < options_.significance_sigma &&
          PowerSigma(line, accepted_noise_ratio) >= options_.power_sigma &&
-         PresentPlaces(line, accepted_noise_ratio * line.noise) >= 0.5;
+         PresentBins(line, accepted_noise_ratio * line.noise) >= 0.5;
 }
 
 double TrackHealth::PooledShare(const LineStatistics& pooled, double accepted_noise_ratio) const {

@@ -113,11 +113,11 @@ class TrackHealth {
 
     void Add(double new_gated, double new_near, const CellTerms& cell);
   };
-  struct WindowLine {            // a straight line or a curve
-    int curve = 0;               // TrackedLine::curve
-    int lines = 1;               // LineStatistics::lines
-    double places_per_px = 0.0;  // number of places of LineStatistics::along per pixel
-    std::array<PolarityCounts, 2> of = {};
+  struct WindowLine {          // a straight line or a curve
+    int curve = 0;             // TrackedLine::curve
+    int lines = 1;             // LineStatistics::lines
+    double bins_per_px = 0.0;  // bins of LineStatistics::along per pixel
+    std::array<PolarityCounts, 2> by_polarity = {};
     Eigen::Matrix<double, 8, 1> along = Eigen::Matrix<double, 8, 1>::Zero();
   };
   struct Place {
@@ -191,7 +191,8 @@ class TrackHealth {
   double PooledShare(const LineStatistics& pooled, double accepted_noise_ratio) const;
   // Share of the line's length on which events were expected or observed.
   double PresentRatio(const LineStatistics& line, double noise) const;
-  static double PresentPlaces(const LineStatistics& line, double noise);  // the same, by the events alone
+  // Share of the bins of LineStatistics::along with at least their part of `noise` and of kTestableEvents events.
+  static double PresentBins(const LineStatistics& line, double noise);
   // Whether the present counts and those of about the last memory_us, along most of a curve, give its test power and do
   // not support it.
   bool IsDisplaced(size_t curve, double accepted_noise_ratio) const;
@@ -201,11 +202,12 @@ class TrackHealth {
   double AcceptedNoiseRatio() const;
   // Whether `noise` background events explain `gated` events.
   bool IsExplained(double gated, double noise) const;
-  // Background events in the gates since the last test result, as far as they are accepted as an explanation.
-  // Whether the events are spread about the lines and beside them, as of edges that the estimate follows in part.
+  // Whether the events are spread about the lines and lie beside them, as those of edges that the estimate follows in
+  // part.
   bool IsAttractedByClutter() const {
     return contrast_.SpreadPx() > options_.wide_spread_px && contrast_.Ratio() < options_.min_contrast;
   }
+  // Background events in the gates since the last test result, as far as they are accepted as an explanation.
   double Noise() const;
   // right_excess without the share of the background events, as far as these are accepted (AcceptedNoiseRatio()).
   static double RightExcess(const LineStatistics& line, double accepted_noise_ratio);

@@ -16,9 +16,9 @@ class LineContrast {
   void Add(const WindowFit& fit, double kept_ratio);
   // Standard deviation of the explained events about the lines; 0 without windows.
   double SpreadPx() const;
-  // The density of the explained events at the middle of the lines, divided by that of the events
-  // in the gates that are neither explained nor background. Infinite if there are none of these, without windows,
-  // and for estimators without a gate.
+  // The density of the explained events at the middle of the lines, divided by that of the events in the gates that are
+  // neither explained nor background. Infinite if there are none of these, without windows, and for estimators without
+  // a gate.
   double Ratio() const;
 
   static void VisitState(auto& archive, auto& self) {

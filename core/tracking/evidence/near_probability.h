@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// What an event in the gate of a line shows about the pose, by the width of the line's cell at the event
-// (core/tracking/README.md, section 1).
+// The probability that an event is near its line, under clutter and at the right pose, by the width of the line's cell
+// at the event (core/tracking/README.md, section 1).
 #pragma once
 
 #include <array>
@@ -16,8 +16,9 @@ struct CellTerms {
   double chance = 0.0;        // probability that an event of uniform clutter is near
   double right_excess = 0.0;  // the same probability at the right pose minus `chance`
 
-  // Of an event of uniform clutter: 1 if it is near, else 0.
+  // Variance, under uniform clutter, of the number that is 1 if an event is near and else 0.
   double Variance() const { return chance * (1.0 - chance); }
+  // Information of an event of this cell: (p - c)^2 / (c (1 - c)) of the README, section 1.
   double Information() const { return right_excess * right_excess / Variance(); }
 };
 
