@@ -56,7 +56,7 @@ constexpr uint64_t kElementTriangleBytes = 200;
 // A triangle of a model with contours between facets in these tables, and one of its facet edges in the model.
 constexpr uint64_t kFacetTriangleBytes = 48;
 constexpr uint64_t kFacetEdgeBytes = 8;
-// A cell of 64 x 64 pixels: its page in a grid, and its background rate.
+// A cell of 64 x 64 pixels: its entry in a grid and its background rate; and its page, if it has lines.
 constexpr uint64_t kCellBytes = 64;
 constexpr uint64_t kPageBytes = 1280;
 
@@ -69,7 +69,7 @@ uint64_t VisibleLinesOf(const ObjectModel& model, const TrackerOptions& options)
 }
 
 uint64_t CurvesOf(const ObjectModel& model) {
-  constexpr uint64_t kArcsOfRegion = 8;  // octants of the image normal
+  constexpr uint64_t kArcsOfRegion = 8;  // octants of the image normal (EdgeElement::curve)
   const uint64_t curves = model.lines.size() + model.curves.size() +
                           kArcsOfRegion * (model.surface.regions.size() + (model.facet_edges.empty() ? 0 : 1));
   return std::min<uint64_t>(curves, ModelEdges::kMaxCurves);

@@ -275,7 +275,7 @@ class ViewedObject {
   const TrackerOptions& options_;
   PhaseListener listener_;
   std::vector<std::unique_ptr<Tracker>> trackers_;  // by view; null: not followed there
-  std::vector<PoseEstimate> of_view_;
+  std::vector<PoseEstimate> of_view_;               // estimates of one view, temporary of ForEach()
 
   uint32_t reporting_view_ = 0;  // the view from which the object is reported
   uint32_t past_losses_ = 0;

@@ -34,8 +34,9 @@ class ComparisonProgress {
   // (WindowOptions::intervals_per_usual()).
   explicit ComparisonProgress(int windows_factor = 1) : windows_factor_(windows_factor) {}
 
-  // Windows of kStarted. Before, a rival that explains less than half of what the first hypothesis explains is not
-  // removed: the refinement of a right rival may still have to bring its lines to the events. Not validated separately.
+  // Windows of kStarted. In these windows a rival that explains less than half of what the first hypothesis explains is
+  // not removed: the refinement of a right rival may still have to bring its lines to the events. Not validated
+  // separately.
   static constexpr int kStartedWindows = 3;
   // Windows of kStarted and kRefined, about 10 ms: a first pose with errors of 2 px converges in them. Validated by
   // hypotheses_test: an equal rival is not merged within 4 ms, but within 30 ms.

@@ -130,7 +130,8 @@ class Hypotheses {
   double Preference(size_t i, size_t j) const;
   // Natural logarithm of the likelihood of entry i divided by that of entry j.
   double LogLikelihoodRatio(size_t i, size_t j) const;
-  // Whether both poses, which differ by no symmetry, have the same image up to the width of a line's events.
+  // Whether both poses have the same image up to the width of a line's events. Of the poses that are equal to `b` by
+  // the symmetry of the object, the one nearest to `a` is compared.
   bool LooksLike(const RigidTransform& a, const RigidTransform& b) const;
   // Whether the poses, the nearer one of those that are equal by symmetry, are so near that one of them is removed.
   bool AreMerged(const Entry& a, const Entry& b) const;

@@ -19,7 +19,7 @@ namespace evpose {
 // The edges that the tracker has associated in the last window, and the pose that it has estimated.
 struct ObjectOutline {
   struct Edge {
-    Eigen::Vector3d p1;  // object frame, metres; of an arc, the ends of TrackedLine, which is not its chord
+    Eigen::Vector3d p1;  // object frame, metres; of an arc, the ends of its TrackedLine, which lies beside its chord
     Eigen::Vector3d p2;
     Eigen::Vector3d sagitta;  // TrackedLine::sagitta
     EdgeKind kind = EdgeKind::kCrease;

@@ -23,11 +23,10 @@ struct ObjectToTrack {
   std::optional<RigidTransform> initial_camera_from_object;
   // camera_from_object. Among the equivalent poses of a symmetric object, the one nearest to this rotation is reported.
   Eigen::Matrix3d reference_rotation = Eigen::Matrix3d::Identity();
-  std::shared_ptr<const SearchModel> search_model;  // search tables of the model; null: computed when they are needed
-  // Views of a model with curved edges; null: the same.
-  std::shared_ptr<const TemplateModel> template_model;
-  // Finds the edges of the model with TrackerOptions::visibility and elements; null: the same.
-  std::shared_ptr<const ModelEdges> edges;
+  // The tables below depend on the model alone; those that are null are computed when they are needed.
+  std::shared_ptr<const SearchModel> search_model;      // for the search by lines
+  std::shared_ptr<const TemplateModel> template_model;  // views of a model with curved edges
+  std::shared_ptr<const ModelEdges> edges;              // made with TrackerOptions::visibility and elements
 
   // INVALID_ARGUMENT names the field or the defect of the model.
   absl::Status Validate() const;

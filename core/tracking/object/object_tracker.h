@@ -28,7 +28,8 @@ namespace evpose {
 // Follows the hypotheses about one object and publishes at most one pose per window. Not thread-safe.
 class ObjectTracker {
  public:
-  // Past states that other objects need. They are 2.5 ms apart, so that these cover the memory of the search, 1 s.
+  // Largest number of past states that are kept for the other objects. They are 2.5 ms apart, so that this number
+  // covers the memory of the search, 1 s.
   static constexpr size_t kMaxPastStates = 403;
 
   // `initializer` may be null: every pose is then given, because the caller wants it or because no edge of the model is
@@ -36,7 +37,8 @@ class ObjectTracker {
   ObjectTracker(TrackContext context, std::unique_ptr<PoseInitializer> initializer, const ObjectToTrack& object);
 
   // Sets the other objects of the stream, which must be alive whenever this one processes a window. Their states before
-  // the window are used. Only of two objects of one model at the same place the first one in order is tested first.
+  // the window are used. The order of the objects matters only if two objects of one model come to the same place: the
+  // first one in the order is tested first.
   void SetOthers(std::vector<const ObjectTracker*> others);
 
   // To be called for all objects before any of them processes the next window: finds the others that are published.
@@ -60,7 +62,7 @@ class ObjectTracker {
   TrackState state() const;
   InitializationReport initialization() const;
   uint32_t losses() const { return losses_; }
-  // Does what Tracker::Outline() describes.
+  // See Tracker::Outline().
   bool Outline(ObjectOutline& outline) const;
 
   // To be called between windows. LoadState() requires the same object, camera and options; after a failure
@@ -137,7 +139,8 @@ class ObjectTracker {
   RigidTransform ReferenceAt(int64_t t_us) const;
   MotionState StartState(const FirstPose& first) const;
   void Publish(PoseEstimate estimate, std::vector<PoseEstimate>& estimates);
-  // Enter() for the inputs by which the object may be lost, with the reason for that case.
+  // Calls Enter() with an input by which the object may be lost. If it is lost, stores the cause and the time, and
+  // starts the counts and intervals of its searches anew.
   void Reject(ObjectInput input, LossCause cause);
   // Applies the transition functions and reports the transition. No other function changes the phase and the
   // acquisition.

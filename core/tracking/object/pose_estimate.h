@@ -139,7 +139,7 @@ struct PoseEstimate {
   // Covariance of [tx ty tz rx ry rz], m^2, m rad and rad^2, left perturbation. Along the free directions of an object
   // with a continuous symmetry it has the variance kFreeAngleVarianceRad2 (core/estimation/README.md, equation (14)).
   Matrix6d covariance = Matrix6d::Zero();
-  Vector6d twist = Vector6d::Zero();  // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = w^ R, m/s and rad/s
+  Vector6d twist = Vector6d::Zero();  // [vx vy vz wx wy wz]: dT/dt = v, dR/dt = [w]x R, m/s and rad/s
   TrackState state = TrackState::kInitializing;
   uint32_t num_events = 0;       // events in the gates of the lines, without downsampling
   float explained_ratio = 0.0f;  // share of the gated events that the lines explain

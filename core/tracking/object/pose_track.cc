@@ -12,6 +12,9 @@ namespace {
 
 // With a larger event deficit than this share of the expected events, the events near the lines are not the object's.
 constexpr double kMaxDeficitRatio = 0.5;
+// Share of a window of 1 ms or more in the running means and sums over past windows, which cover about 20 windows: the
+// events of a slow object are within the fluctuation of the noise in 1 ms, but exceed it in 20 ms.
+constexpr double kSignalForgetPerMs = 0.05;
 
 // Whether a second fit explains the object better than the first: it must explain more events, and gain on most of the
 // lines that have events. Another edge that passes by has many events, but on few of the lines.
@@ -76,9 +79,9 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   last_.lines = input.lines;
   if (last_.occlusion == Occlusion::kAll) return PredictOccluded(window);
   const RigidTransform& pose = fit.state.camera_from_object;
-  const bool usable = !input.lines.empty() && fit.state.covariance.allFinite() && pose.rotation.allFinite() &&
-                      pose.translation_m.allFinite() && fit.state.twist.allFinite();
-  if (!usable) {
+  const bool is_usable = !input.lines.empty() && fit.state.covariance.allFinite() && pose.rotation.allFinite() &&
+                         pose.translation_m.allFinite() && fit.state.twist.allFinite();
+  if (!is_usable) {
     Enter(TrackInput::kFailure, window.t_end_us);
     return std::nullopt;
   }
@@ -102,12 +105,12 @@ std::optional<PoseEstimate> PoseTrack::OnWindow(const EventWindow& window, const
   // Until a pose is confirmed on most of its lines, the events of both polarities have full weight.
   if (!input.is_mostly_tested) input.sampling.polarity_weight = {1.0, 1.0};
   health_.AddWindow(camera, input, last_.image_lines, fit);
-  const bool confirming = phase_ == TrackPhase::kTentative;
+  const bool is_tentative = phase_ == TrackPhase::kTentative;
   const double support = coverage_ == TestCoverage::kMost ? health.keep_support_ratio : health.confirm_support_ratio;
   if (followed_since_us_ < 0) followed_since_us_ = window.t_begin_us;
-  const int64_t min_contradiction_us = confirming ? health.min_span_us : health.min_contradiction_us;
+  const int64_t min_contradiction_us = is_tentative ? health.min_span_us : health.min_contradiction_us;
   const HealthResult result =
-      health_.Test({support, confirming ? health.confirm_lines : health.keep_lines, min_contradiction_us});
+      health_.Test({support, is_tentative ? health.confirm_lines : health.keep_lines, min_contradiction_us});
   if (last_.occlusion == Occlusion::kSome && input.lines.size() < static_cast<size_t>(health.confirm_lines)) {
     // Too little is visible for an event deficit or foreign events to contradict the pose.
     Enter(TrackInput::kOcclusion, window.t_end_us);
@@ -196,7 +199,6 @@ PoseTrack::Nearness PoseTrack::NearestLine(Observation observation, const OtherO
 }
 
 void PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input) {
-  constexpr double kForgetPerMs = 0.05;  // the running mean covers about 20 windows of 1 ms or more
   adaptation_.Limit(1.0);
   MotionState predicted = Predicted(window.t_mid_us(), adaptation_.Adapted(context_.options.motion), 1.0);
   input = Gather(window, others, predicted, 1.0);
@@ -233,7 +235,7 @@ void PoseTrack::FitWindow(const EventWindow& window, const OtherObjects* others,
   }
   estimator_->Accept(last_.fit, input);
   if (HasSignal(last_.fit)) {
-    signal_.usual_explained_ratio += (signal_.usual_explained_ratio == 0.0 ? 1.0 : PerWindow(kForgetPerMs)) *
+    signal_.usual_explained_ratio += (signal_.usual_explained_ratio == 0.0 ? 1.0 : PerWindow(kSignalForgetPerMs)) *
                                      (last_.fit.explained_signal_ratio() - signal_.usual_explained_ratio);
   }
 }
@@ -301,10 +303,7 @@ bool PoseTrack::IsFlash(const EventWindow& window, const WindowInput& input) {
 }
 
 bool PoseTrack::IsOnlyBackground(const WindowFit& fit) {
-  // The sums cover about 20 windows of 1 ms or more. The events of a slow object are within the fluctuation of the
-  // noise in 1 ms, but exceed it in 20 ms.
-  constexpr double kForgetPerMs = 0.05;
-  const double keep = 1.0 - PerWindow(kForgetPerMs);
+  const double keep = 1.0 - PerWindow(kSignalForgetPerMs);
   const HealthOptions& health = context_.options.health;
   signal_.recent_signal = keep * signal_.recent_signal + fit.num_gated - fit.num_background;
   signal_.recent_background = keep * signal_.recent_background + fit.num_background;

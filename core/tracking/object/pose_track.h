@@ -136,7 +136,7 @@ class PoseTrack {
   void FitAdapted(const EventWindow& window, const WindowInput& input, MotionState& predicted);
   // Whether the brightness changes and the events are not concentrated near the lines of last_.fit.
   bool IsFlash(const EventWindow& window, const WindowInput& input);
-  // Replaces last_.fit by the one to no events.
+  // Replaces the state of last_.fit by that of a fit without events.
   void FitNoEvents(const WindowInput& input, const MotionState& predicted);
   // Sets last_.fit and the input of the fit.
   void FitWindow(const EventWindow& window, const OtherObjects* others, WindowInput& input);

@@ -50,7 +50,7 @@ class RivalSchedule {
   }
 
   const InitializationOptions& options_;
-  int64_t next_us_ = 0;                    // time of the next round, or the begin of the present one
+  int64_t next_us_ = 0;                    // time of the next round, or the beginning of the present one
   int rounds_left_ = 0;                    // with the present one
   int next_rival_ = 0;                     // first rival of the next group of the round
   RivalPrior prior_ = RivalPrior::kEqual;  // of the rivals of the round

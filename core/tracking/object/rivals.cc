@@ -108,8 +108,8 @@ MotionState MirroredState(const MotionState& state, const Vector3d& point, const
   const Vector3d arm = centre - mirrored.camera_from_object.translation_m;
   mirrored.twist << centre_velocity - turn.cross(arm), turn;
   SetRivalCovariance(state, focal_px, options, mirrored);
-  // The rate of the inclination may have been taken from events that belong to the other side.
-  // Along the ray, the normal has no inclination.
+  // The rate of the inclination may have been measured with events that belong to the other side. A normal along the
+  // ray has no inclination.
   const Vector3d hinge = direction.cross(ray);
   if (hinge.norm() > 1e-9) {
     const Vector3d about = hinge.normalized();

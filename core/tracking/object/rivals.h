@@ -41,9 +41,9 @@ class TurnedFaceDetector {
   // `edges` must outlive the detector. `inclined_rad`: the inclination at which the mirrored state is due.
   TurnedFaceDetector(const ModelEdges& edges, double inclined_rad);
 
-  // To be called with each tracked state, and after a loss once Reset() was called. Returns the plane,
-  // ModelEdges::face_planes(), whose mirrored state must be tested now. If several planes are due at once, it is the
-  // widest one: the mirrored states of the others differ too little from its own.
+  // To be called with each tracked state; after a loss, Reset() must be called before. Returns the index in
+  // ModelEdges::face_planes() of the plane whose mirrored state must be tested now. If several planes are due at once,
+  // it is the widest one: the mirrored states of the others differ too little from its own.
   std::optional<size_t> Update(const RigidTransform& camera_from_object, double focal_px);
   void Reset();
 
