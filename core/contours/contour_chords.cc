@@ -10,7 +10,8 @@
 namespace evpose {
 namespace {
 
-// Points of one contour in the image, all visible as far as the surface at the point decides.
+// Successive points of one contour in the image. The surface is convex along the ray at each of them, so that only
+// other parts of the object can hide them.
 struct ImageRun {
   std::vector<Eigen::Vector2d> pixels;
   std::vector<Eigen::Vector2d> normals;  // unit, outward
@@ -95,7 +96,7 @@ void AppendContours(const ElementView& view, const Rims& rims, double sagitta_px
   for (size_t c = 0; c < rims.chains.size(); ++c) {
     YieldPoint(c);
     const RimChain& chain = rims.chains[c];
-    const uint32_t region_curve = first_curve + 8 * chain.region;
+    const uint32_t region_curve = first_curve + kImageOctants * chain.region;
     const uint32_t number = first_curve + static_cast<uint32_t>(c);
     run.Clear();
     for (uint32_t i = chain.begin; i < chain.end; ++i) {

@@ -57,7 +57,8 @@ class ModelBuilder {
     model.surface.normals.push_back(
         {normal_at(point(0)).cast<float>(), normal_at(point(1)).cast<float>(), normal_at(point(2)).cast<float>()});
   }
-  // A grid of count_u times count_v quadrangles. Rings are closed; at_pole: the ends along v are single points.
+  // Adds a grid of count_u times count_v quadrangles, closed along u, and along v if `is_ring_v`. `point_at` has the
+  // arguments u and v in [0, 1]. If all points of a row coincide, as at a pole, they are one vertex.
   void AddGrid(int count_u, int count_v, bool is_ring_v, const std::function<Eigen::Vector3d(double, double)>& point_at,
                uint32_t region, const std::function<Eigen::Vector3d(const Eigen::Vector3d&)>& normal_at) {
     std::vector<std::vector<uint32_t>> rows;

@@ -13,7 +13,6 @@
 namespace evpose {
 namespace {
 
-constexpr int kOctants = 8;  // arcs of 45 degrees of the image normal (EdgeElement::curve)
 // A level is kept while the size of a pixel is beyond its step by less than this factor, so that an object whose
 // distance varies at a step does not change its elements to and fro.
 constexpr double kLevelHysteresis = 1.1;
@@ -77,7 +76,7 @@ EdgeElementExtractor::~EdgeElementExtractor() = default;
 bool EdgeElementExtractor::has_curves() const { return !model_.curves.empty() || surface_->num_regions() > 0; }
 
 uint32_t EdgeElementExtractor::num_curves() const {
-  return static_cast<uint32_t>(model_.lines.size() + model_.curves.size()) + kOctants * surface_->num_regions();
+  return static_cast<uint32_t>(model_.lines.size() + model_.curves.size()) + kImageOctants * surface_->num_regions();
 }
 
 bool EdgeElementExtractor::Extract(const CameraModel& camera, const RigidTransform& camera_from_object, int level,

@@ -19,7 +19,7 @@
 
 namespace evpose {
 
-// Prior contrast of a step between parallel faces (README, section 4).
+// Prior contrast of a step between parallel faces (core/contours/README.md, section 4).
 inline constexpr float kStepContrast = 0.1f;
 // Prior contrast of a crease of at least 40 degrees that is no part of the outline.
 inline constexpr float kSharpCreaseContrast = 0.8f;
@@ -64,6 +64,7 @@ struct EdgeElementOptions {
   // to four elements.
   double max_arc_px = 48.0;
 
+  // Error: INVALID_ARGUMENT naming the field.
   absl::Status Validate() const;
 };
 
@@ -90,7 +91,7 @@ class EdgeElementExtractor {
   EdgeElementExtractor& operator=(const EdgeElementExtractor&) = delete;
 
   const EdgeElementOptions& options() const { return options_; }
-  // Whether the model has edges beside its straight lines: curves, or curved regions or facets that have contours.
+  // Whether the model has edges in addition to its straight lines: curves, or curved regions or facets with contours.
   bool has_curves() const;
   // Upper bound of EdgeElement::curve.
   uint32_t num_curves() const;

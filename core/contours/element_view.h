@@ -40,7 +40,9 @@ struct Candidate {
   double weight() const { return length_px() * element.prior_contrast; }
 };
 
-// The number of the eighth of the full circle around which a direction lies: 0 for (1, 0), 2 for (0, 1).
+// The octant of a direction in the image, 0 to kImageOctants - 1. The octants are centred on the axes and their
+// diagonals: 0 contains (1, 0), 1 contains (1, 1), 2 contains (0, 1).
+inline constexpr int kImageOctants = 8;
 int ImageOctant(const Eigen::Vector2d& direction);
 
 // Appends the candidates of the contours; `first_curve` is the number of the first arc and of the first chain.

@@ -23,7 +23,7 @@ constexpr double kSharpTurnRad = 0.7;  // 40 degrees
 // The rays that test the visibility of a candidate.
 struct EdgeRays {
   Eigen::Vector3d origin;    // of the rays
-  Eigen::Vector3d outwards;  // unit normal of a side that faces the eye; zero for a wire
+  Eigen::Vector3d outwards;  // unit normal of a face that is turned to the eye; zero for an edge without faces
   Eigen::Vector3d beside;    // in the image beyond an occluding edge; zero for other edges
   bool is_turned_away = false;
 };
@@ -75,7 +75,7 @@ class VisibilityRays {
     return !faces_.IsOccluded(rays.origin, moved, VisibilityOptions().surface_tolerance * model_.diameter_m, occluder_);
   }
 
-  // Whether an occluding edge has the background behind it needs a ray.
+  // Sets `prior_contrast` and `is_outline`. One ray tests whether the background lies behind an occluding edge.
   void SetPriorContrast(const EdgeRays& rays, Candidate& candidate) const {
     EdgeElement& element = candidate.element;
     if (element.kind == EdgeKind::kBoundary) {

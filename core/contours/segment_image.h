@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Segments of the image that share their events (README, section 5).
+// Segments of the image that share their events (core/contours/README.md, section 5).
 #pragma once
 
 #include <Eigen/Core>
