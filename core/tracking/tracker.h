@@ -58,7 +58,8 @@ class Tracker : public PoseSource {
       std::shared_ptr<const ObjectModel> model, const CameraModel& camera, const TrackerOptions& options,
       const std::optional<RigidTransform>& initial_camera_from_object);
 
-  // Reports that the clock of the sensor has reached t_us without further events (a TimeMark): windows close on time.
+  // Reports that the clock of the sensor has reached t_us without further events (a TimeMark): the windows that end at
+  // or before this time close.
   virtual void AdvanceTime(int64_t t_us, std::vector<PoseEstimate>& estimates) = 0;
   // Discards these events and those of the open window. The clock of the sensor has reached t_us, and the next window
   // begins at the end of the gap. Discarded events are no evidence of motion or rest: the uncertainty of each object

@@ -126,7 +126,7 @@ void EventWindower::Close(int64_t t_end_us, OnWindow on_window) {
   window.t_end_us = t_end_us;
   window.events = absl::MakeConstSpan(kept_).first(num_kept_);
   window.num_events = count_;
-  window.closed_on_time = count_ < static_cast<uint64_t>(options_.min_events);
+  window.has_few_events = count_ < static_cast<uint64_t>(options_.min_events);
   for (int polarity = 0; polarity < 2; ++polarity) {
     window.events_per_sample[polarity] = static_cast<double>(sample_masks_[polarity]) + 1.0;
   }

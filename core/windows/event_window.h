@@ -12,8 +12,9 @@
 //    An interval lasts `interval_us`, or less while the image moves fast: the time in which the fastest object moves by
 //    `max_motion_px` at the speed that SetImageSpeed() received, but at least `min_interval_us`. The estimate contains
 //    the motion within a window, but not its acceleration.
-// 2. A window that lasts `max_duration_us` closes regardless of its number of events and sets `closed_on_time`: nothing
-//    moved.
+// 2. A window that lasts `max_duration_us` closes regardless of its number of events. If it has fewer than
+// `min_events`,
+//    nothing moved, and `has_few_events` is set.
 // 3. A window with more than `max_events` events is downsampled uniformly, by a hash of each event's number in the
 //    stream. The sample covers the whole time span and the whole image. (The paper keeps the N events nearest to the
 //    middle, which discards the information on velocity. Every second event would favour one side of an edge, because
@@ -83,7 +84,7 @@ struct EventWindow {
   int64_t t_end_us = 0;
   absl::Span<const WindowEvent> events;  // in order of arrival, times inside the window; valid only during the call
   uint64_t num_events = 0;               // number of events before downsampling
-  bool closed_on_time = false;           // the window closed with fewer than min_events events
+  bool has_few_events = false;           // num_events < WindowOptions::min_events
   ByPolarity events_per_sample = {1.0, 1.0};  // number of events that each kept event represents; 1 if all are kept
 
   int64_t t_mid_us() const { return t_begin_us + (t_end_us - t_begin_us) / 2; }
@@ -140,7 +141,8 @@ class EventWindower {
   void Open(int64_t t_begin_us);
   // Adds the first events to the open window, up to the interval boundary and at most one batch. Returns their number.
   size_t AddBatch(absl::Span<const Event> events);
-  // Does so for one batch and keeps the events that `marks` selects (core/numerics/sampling.h).
+  // Adds the first events of a batch up to the interval boundary, and keeps those that `marks` selects
+  // (core/numerics/sampling.h). Returns the number of events before the boundary.
   size_t AddSampled(absl::Span<const Event> events, absl::Span<const uint8_t> marks);
   // Halves the sampling rate of the polarity with more kept events, and removes the events that it excludes.
   void HalveSample();

@@ -22,7 +22,7 @@ struct SeenWindow {
   int64_t t_end_us;
   std::vector<Event> events;
   uint64_t num_events;
-  bool closed_on_time;
+  bool has_few_events;
   ByPolarity events_per_sample = {1.0, 1.0};
 
   friend bool operator==(const SeenWindow&, const SeenWindow&) = default;
@@ -46,7 +46,7 @@ class Recorder {
                         window.t_end_us,
                         {window.events.begin(), window.events.end()},
                         window.num_events,
-                        window.closed_on_time,
+                        window.has_few_events,
                         window.events_per_sample});
   };
 };
@@ -67,7 +67,7 @@ TEST(EventWindower, ClosesAtTheIntervalWhenThereAreEnoughEvents) {
   EXPECT_EQ(recorder.windows()[0].t_begin_us, 1000);
   EXPECT_EQ(recorder.windows()[0].t_end_us, 1100);
   EXPECT_EQ(recorder.windows()[0].num_events, 10u);
-  EXPECT_FALSE(recorder.windows()[0].closed_on_time);
+  EXPECT_FALSE(recorder.windows()[0].has_few_events);
   EXPECT_EQ(recorder.windows()[1].t_begin_us, 1100);
   EXPECT_EQ(recorder.windows()[1].events.front().t_us, 1100);  // an event at the boundary belongs to the next window
 }
@@ -78,7 +78,7 @@ TEST(EventWindower, MergesIntervalsWithTooFewEvents) {
   ASSERT_GE(recorder.windows().size(), 2u);
   EXPECT_EQ(recorder.windows()[0].t_end_us, 200);
   EXPECT_EQ(recorder.windows()[0].num_events, 5u);
-  EXPECT_FALSE(recorder.windows()[0].closed_on_time);
+  EXPECT_FALSE(recorder.windows()[0].has_few_events);
 }
 
 TEST(EventWindower, IntervalLengthFollowsTheImageSpeed) {
@@ -132,7 +132,7 @@ TEST(WindowOptions, APoseRateDeterminesTheIntervals) {
   for (const SeenWindow& window : recorder.windows()) EXPECT_EQ(window.t_end_us - window.t_begin_us, 200);
 }
 
-TEST(EventWindower, ClosesOnTimeWithoutMotionAndReportsIt) {
+TEST(EventWindower, ClosesAfterTheMaximumDurationWithoutMotionAndReportsIt) {
   Recorder recorder(SmallOptions());
   recorder.Add(Regular(0, 1, 1));
   recorder.AdvanceTime(999);
@@ -142,7 +142,7 @@ TEST(EventWindower, ClosesOnTimeWithoutMotionAndReportsIt) {
   EXPECT_EQ(recorder.windows()[0].t_end_us, 1000);
   EXPECT_EQ(recorder.windows()[0].num_events, 1u);
   EXPECT_EQ(recorder.windows()[2].num_events, 0u);
-  for (const SeenWindow& window : recorder.windows()) EXPECT_TRUE(window.closed_on_time);
+  for (const SeenWindow& window : recorder.windows()) EXPECT_TRUE(window.has_few_events);
 }
 
 TEST(EventWindower, WindowsFollowEachOtherWithoutGapOrOverlap) {
@@ -283,7 +283,7 @@ TEST(EventWindower, SkippedEventsAreInNoWindowButInThePixelHistory) {
   std::vector<SeenWindow> windows;
   std::vector<PreviousPolarity> previous;
   const auto on_window = [&](const EventWindow& window) {
-    windows.push_back({window.t_begin_us, window.t_end_us, {}, window.num_events, window.closed_on_time});
+    windows.push_back({window.t_begin_us, window.t_end_us, {}, window.num_events, window.has_few_events});
     for (const WindowEvent& event : window.events) previous.push_back(event.previous);
   };
   windower.Add(Regular(1000, 10, 12), on_window);  // one window of 10, and 2 events in the next

@@ -16,8 +16,8 @@ constexpr uint8_t kMaxGroup = 242;  // 3^5 - 1
 constexpr uint8_t kRepeat = 255;    // the marker of a repetition, which is no group
 constexpr size_t kMinRun = 3;       // repetitions; shorter runs need as many bytes without the marker
 
-constexpr size_t kGroupsBetweenYields =
-    4096;  // the writer's own yield points are too rare: a run of groups has few bytes
+// The yield points of the writer alone are too rare: a long run of equal groups takes few bytes.
+constexpr size_t kGroupsBetweenYields = 4096;
 
 }  // namespace
 

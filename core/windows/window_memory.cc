@@ -44,7 +44,7 @@ void WindowMemory::RemoveOldest() {
 void WindowMemory::SaveState(StateWriter& writer) const {
   writer.Count(windows_.size());
   for (const auto& [window, events] : windows_) {
-    writer(window.t_begin_us, window.t_end_us, window.num_events, window.closed_on_time, window.events_per_sample[0],
+    writer(window.t_begin_us, window.t_end_us, window.num_events, window.has_few_events, window.events_per_sample[0],
            window.events_per_sample[1]);
     SaveWindowEvents(writer, window.t_begin_us, events);
   }
@@ -61,7 +61,7 @@ void WindowMemory::LoadState(StateReader& reader) {
     const int64_t earliest_us = windows_.empty() ? -kMaxStateTimeUs : windows_.back().window.t_end_us;
     auto& [window, events] = windows_.emplace_back();
     reader(InRange(window.t_begin_us, earliest_us, kMaxStateTimeUs));
-    reader(InRange(window.t_end_us, window.t_begin_us + 1, kMaxStateTimeUs), window.num_events, window.closed_on_time,
+    reader(InRange(window.t_end_us, window.t_begin_us + 1, kMaxStateTimeUs), window.num_events, window.has_few_events,
            InRange(window.events_per_sample[0], 1.0, kMaxEventsPerSample),
            InRange(window.events_per_sample[1], 1.0, kMaxEventsPerSample));
     LoadWindowEvents(reader, window.t_begin_us, window.t_end_us, max_window_events_, events);

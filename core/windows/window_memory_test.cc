@@ -25,7 +25,7 @@ TEST(WindowMemory, KeepsWindowsUnchanged) {
   EXPECT_EQ(window.t_begin_us, 1000);
   EXPECT_EQ(window.t_end_us, 2000);
   EXPECT_EQ(window.num_events, 60u);
-  EXPECT_TRUE(window.closed_on_time);
+  EXPECT_TRUE(window.has_few_events);
   EXPECT_EQ(window.events_per_sample, (ByPolarity{3.0, 2.0}));
   ASSERT_EQ(window.events.size(), 30u);
   EXPECT_EQ(window.events[29].x, 29);

@@ -62,7 +62,7 @@ struct Seen {
   int64_t t_begin_us;
   int64_t t_end_us;
   uint64_t num_events;
-  bool closed_on_time;
+  bool has_few_events;
   std::vector<Event> events;
   std::vector<PreviousPolarity> previous;
   friend bool operator==(const Seen&, const Seen&) = default;
@@ -72,7 +72,7 @@ std::vector<Seen> Windows(const std::vector<Event>& events, bool is_moved) {
   std::vector<Seen> seen;
   auto windower = std::make_unique<EventWindower>(SmallOptions(), kSensor);
   const auto on_window = [&](const EventWindow& window) {
-    Seen now{window.t_begin_us, window.t_end_us, window.num_events, window.closed_on_time, {}, {}};
+    Seen now{window.t_begin_us, window.t_end_us, window.num_events, window.has_few_events, {}, {}};
     for (const WindowEvent& event : window.events) {
       now.events.push_back(event);
       now.previous.push_back(event.previous);
@@ -98,7 +98,7 @@ TEST(WindowStateTest, ALoadedWindowerContinuesIdentically) {
   EXPECT_TRUE(Windows(events, true) == expected);
   EXPECT_TRUE(std::any_of(expected.begin(), expected.end(),
                           [](const Seen& window) { return window.events.size() < window.num_events; }));
-  EXPECT_TRUE(std::any_of(expected.begin(), expected.end(), [](const Seen& window) { return window.closed_on_time; }));
+  EXPECT_TRUE(std::any_of(expected.begin(), expected.end(), [](const Seen& window) { return window.has_few_events; }));
 }
 
 TEST(WindowStateTest, DamagedWindowersAreRejectedOrUsable) {
