@@ -224,7 +224,8 @@ class TileGrid {
     std::copy_n(At(tile).lines, kSlots, event.lines.begin());
     event.num_lines = static_cast<uint8_t>(At(tile).count);
   }
-  // Sets them to the lines of the event's own tile. Returns false, without lines, if the event lies outside the grid.
+  // Sets the candidate lines of the event to those of its own tile. Returns false, without lines, if the event lies
+  // outside the grid.
   bool GiveLines(Observation& event) const;
   absl::Span<const uint32_t> tiles_with_lines() const { return touched_; }
   // The corner of tile 0 and of cell 0 lies at (-kMarginPx, -kMarginPx).
@@ -320,7 +321,7 @@ inline NearLines FindNearLines(const Observation& event, absl::Span<const uint16
   }
   return near;
 }
-// Does so for the event's own candidate lines.
+// The same for the event's own candidate lines.
 inline NearLines FindNearLines(const Observation& event, const ImageLine* lines, double gate_px, double end_margin_px) {
   return FindNearLines(event, event.Lines(), lines, gate_px, end_margin_px);
 }

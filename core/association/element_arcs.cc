@@ -13,11 +13,11 @@ namespace {
 
 // Least cosine of the turn of an arc: 25 degrees, up to which a circle differs from a parabola by 3e-4 of its radius.
 constexpr double kLeastArcCosine = 0.906;
-// The elements of an arc are as near to the parabola, pixels. The error is systematic: 0.1 px would move the depth of
-// an object of 200 px by 0.05 %; arcs within 0.1 px would save no time.
+// Largest distance, pixels, of the elements of an arc from the parabola. The error is systematic: 0.1 px would move the
+// depth of an object of 200 px by 0.05 %; arcs within 0.1 px would save no time.
 constexpr double kMaxArcErrorPx = 0.03;
-// The sagitta that the turn between two elements of a smooth curve implies, relative to EdgeElementOptions::sagitta_px.
-// Where the curve has a corner between long elements, it is larger.
+// Largest sagitta that the turn between two elements of a smooth curve implies, relative to
+// EdgeElementOptions::sagitta_px. Where the curve has a corner between long elements, it is larger.
 constexpr double kMaxSagittaRatio = 1.5;
 
 // Equation (11) of the README in the image, pixels: the displacement of the chord to the mean of the arc, and the

@@ -91,7 +91,7 @@ inline uint32_t LineEvents::Place(const Observation& event, int line, const Imag
   lanes.v_px[lane] = static_cast<float>(event.v_px - group.origin_px.y());
   lanes.tau_s[lane] = static_cast<float>(event.tau_s);
   lanes.others_per_px[lane] = event.others_per_px;
-  lanes.turn[lane] = static_cast<float>(event.ReversalProbability());
+  lanes.reversal_probability[lane] = static_cast<float>(event.ReversalProbability());
   lanes.is_event[lane] = 1.0f;
   return place;
 }

@@ -21,10 +21,10 @@ struct EventLanes {
   Lanes by = {};
   Lanes u_px = {};  // undistorted pixel minus LineGroup::origin_px
   Lanes v_px = {};
-  Lanes tau_s = {};          // Observation::tau_s
-  Lanes others_per_px = {};  // Observation::others_per_px
-  Lanes turn = {};           // Observation::ReversalProbability()
-  Lanes is_event = {};       // 1 in used lanes, 0 in unused ones
+  Lanes tau_s = {};                 // Observation::tau_s
+  Lanes others_per_px = {};         // Observation::others_per_px
+  Lanes reversal_probability = {};  // Observation::ReversalProbability()
+  Lanes is_event = {};              // 1 in used lanes, 0 in unused ones
 };
 
 // The events of one polarity with the same candidate line. Events with this line as their only candidate and events

@@ -40,7 +40,7 @@ bool IsAt(const Observation& event, const LineGroup& group, const EventLanes& la
          std::abs(group.origin_px.x() + lanes.u_px[lane] - event.u_px) < 1e-4 &&
          std::abs(group.origin_px.y() + lanes.v_px[lane] - event.v_px) < 1e-4 &&
          std::abs(lanes.tau_s[lane] - event.tau_s) < 1e-10 && lanes.others_per_px[lane] == event.others_per_px &&
-         lanes.turn[lane] == kReversalProbability[static_cast<int>(event.previous)];
+         lanes.reversal_probability[lane] == kReversalProbability[static_cast<int>(event.previous)];
 }
 
 TEST(LineEvents, ContainEveryEventOnceForEachOfItsLines) {

@@ -34,18 +34,19 @@ class ModelEdges {
   const VisibilityTester& visibility() const { return visibility_; }
   const EdgeElementExtractor& elements() const { return elements_; }
 
-  // Most straight lines that are tested at every pose. Of a model with more lines, the best visible ones are chosen for
-  // each view. All lines of simple models are tested.
+  // Largest number of straight lines that are tested at every pose, which bounds the time of a window. Of a model with
+  // more lines, the best visible ones are chosen for each view. All lines of simple models are tested.
   static constexpr size_t kMaxLines = 128;
-  // The straight lines that take part, indices in increasing order: all, or the kMaxPool longest ones.
+  // The straight lines that take part, indices in increasing order: all, or the kMaxPool longest ones. The limit bounds
+  // the time of the choice, which considers each of them.
   static constexpr size_t kMaxPool = 4096;
   const std::vector<int>& lines() const { return lines_; }
   bool has_many_lines() const { return model_.lines.size() > kMaxLines; }
 
   // Upper bound of TrackedLine::curve. A hypothesis stores statistics for each number.
   int num_curves() const { return num_curves_; }
-  // Returns TrackedLine::curve of an EdgeElement::curve. The curves of a model with more than kMaxCurves share numbers;
-  // of two with the same number seldom both are visible.
+  // Returns TrackedLine::curve of an EdgeElement::curve. The curves of a model with more than kMaxCurves share numbers,
+  // which bounds the memory of a hypothesis; of two with the same number seldom both are visible.
   static constexpr int kMaxCurves = 1024;
   int CurveOf(uint32_t curve) const { return static_cast<int>(curve % static_cast<uint32_t>(kMaxCurves)); }
 
@@ -122,9 +123,10 @@ class VisibleEdges {
   void MeasureFaces(const Eigen::Vector3d& eye);
   // Computes the visible parts of the straight lines at the pose.
   void ComputeAt(const RigidTransform& camera_from_object);
-  // The prior contrast of a straight line: as of curves (core/contours/README.md, section 4), but 1 for sharp creases.
+  // The prior contrast of a straight line: as for curves (core/contours/README.md, section 4), but 1 for sharp creases.
   float ContrastOf(const ModelLine& line, const SeenEdge& edge) const;
-  // Sets the prior contrasts of all. A line beside a longer one, which has its events, has that of a step.
+  // Sets the prior contrasts of the straight lines. A line beside a longer one gets that of a step, because the longer
+  // one has its events, too.
   void SetPriorContrasts(const RigidTransform& camera_from_object);
   bool ViewChanged(const RigidTransform& camera_from_object) const;
   // Returns false if a part of the object may lie outside the image.

@@ -82,7 +82,7 @@ struct MixturePass::GroupSums {
     const Lanes responsibility = terms.likelihood * inverse;
     const Lanes weight = Only(terms.is_gated & (responsibility >= kLeastWeight), responsibility);
     const LaneMask is_second = group.IsSecondHalf(terms);
-    const Lanes reversed = weight * event.turn;
+    const Lanes reversed = weight * event.reversal_probability;
     half_weight[0] += weight;
     half_weight[1] += Only(is_second, weight);
     reversals[0] += reversed;
