@@ -49,7 +49,7 @@ struct EdgeRates {
 // number of events in it.
 double LiveAreaPx2(const SensorProfile& sensor, double swept_px2, double events, double speed_px_per_s);
 
-// Expected distance of the events of a line along its normal but for the latency, pixels.
+// Expected distance of the events of a line along its normal, pixels, without the part that the latency causes.
 struct EdgeOffsets {
   double along_px = 0.0;    // if the line moves along its normal
   double against_px = 0.0;  // if it moves against it

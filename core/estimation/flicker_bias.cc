@@ -37,8 +37,8 @@ Remaining RemainingBeside(double flicker_share) {
 }  // namespace
 
 const FlickerBias& FlickerBias::Get() {
-  static const FlickerBias shift;
-  return shift;
+  static const FlickerBias bias;
+  return bias;
 }
 
 FlickerBias::FlickerBias() {

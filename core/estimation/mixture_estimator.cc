@@ -72,9 +72,9 @@ class MixtureEstimator : public WindowEstimator {
     window_.line_counts.clear();
     for (int pass = 0; pass < options_.max_passes; ++pass) {
       YieldPoint();
-      const bool last = pass + 1 == options_.max_passes;
+      const bool is_last_pass = pass + 1 == options_.max_passes;
       // The gate and the spread shrink to their final values: at first they cover the uncertainty of the prediction.
-      if (last) annealed_px2 = 0.0;
+      if (is_last_pass) annealed_px2 = 0.0;
       density.sigma_px = std::sqrt(learned_.sigma_px * learned_.sigma_px + annealed_px2);
       // Four standard deviations: the share of the normal beyond the gate, 6e-5, is negligible.
       density.gate_px = std::max(options_.gate_px, std::min(density.gate_px, 4.0 * density.sigma_px * gate_factor));
@@ -141,7 +141,7 @@ class MixtureEstimator : public WindowEstimator {
   void LoadState(StateReader& reader) override { reader(learned_); }
 
  private:
-  // What the windows up to now have shown, which the next ones start from.
+  // What has been learned from the accepted windows. The next window starts from it.
   struct Learned {
     double sigma_px;                // standard deviation of the events about the lines
     double outlier_ratio;           // share of the events beside the lines
@@ -171,7 +171,7 @@ class MixtureEstimator : public WindowEstimator {
     std::vector<HalfOffsets> offsets;  // of the edge bias
     std::vector<EdgeCounts> counts;
     std::vector<LineCounts> line_counts;    // observations of each line in the last pass
-    std::vector<double> flicker_biases_px;  // flicker bias of each of the lines, which are displaced by it
+    std::vector<double> flicker_biases_px;  // flicker bias of each line; ImageLine::a_expected contains it
     std::vector<LineDensities> densities;
     std::vector<DeficitCounts> deficit_counts;
     SystematicError next_systematic;     // that of the next window if this one is accepted

@@ -44,8 +44,8 @@ struct SensorProfile {
 };
 
 // Reads YAML with the fields above as keys; an absent key gets the default. Errors, each with the file and the field:
-// those of ReadFile(); INVALID_ARGUMENT if it is not YAML, has an unknown key, or a value is not a
-// number or out of range.
+// those of ReadFile(); INVALID_ARGUMENT if the file is not YAML or has an unknown key, or if a value is not a number or
+// is out of range.
 absl::StatusOr<SensorProfile> LoadSensorProfile(const std::string& path);
 absl::StatusOr<SensorProfile> ParseSensorProfile(const std::string& yaml, const std::string& name_for_errors);
 // Writes YAML from which ParseSensorProfile() reads the same values, bit for bit.

@@ -12,8 +12,8 @@
 namespace evpose {
 
 // Standard deviations of the constants among sensors. SensorProfile::uncertainty is the share of them that remains with
-// a profile. They were validated by the NEES of objects on sensors with thresholds from 0.15 to
-// 0.45, bandwidths from 600 Hz to 10 kHz, refractory times from 50 to 400 us and lenses that blur by 0.3 to 1.2 px
+// a profile. They were validated by the NEES of objects on sensors with thresholds from 0.15 to 0.45, bandwidths from
+// 600 Hz to 10 kHz, refractory times from 50 to 400 us and lenses that blur by 0.3 to 1.2 px
 // (tests/bench/consistency.py).
 struct SystematicOptions {
   // Relative error of the edge bias (edge_bias.h), which is proportional to the blur.
