@@ -23,7 +23,7 @@ namespace evpose {
 struct FirstPose {
   int64_t t_us = 0;
   RigidTransform camera_from_object;
-  Vector6d twist = Vector6d::Zero();  // dT/dt = v in m/s, dR/dt = w^ R with w in rad/s
+  Vector6d twist = Vector6d::Zero();  // dT/dt = v in m/s, dR/dt = [w]x R with w in rad/s
   Matrix6d twist_covariance = Matrix6d::Zero();
 };
 
@@ -31,7 +31,7 @@ struct FirstPoses {
   int num_lines = 0;             // number of detected lines
   double motion_px = 0.0;        // upper quartile of the displacements of the lines within their interval
   bool has_moved = false;        // the displacement is large enough for a search
-  bool uses_contours = false;    // the search does not depend on lines alone
+  bool uses_contours = false;    // templates of the contours were searched for, too
   std::vector<FirstPose> poses;  // the best one first; distinct modulo the model's symmetries
 };
 
@@ -63,10 +63,10 @@ TwistEstimate EstimateTwist(const ObjectModel& model, const CameraModel& camera,
 // Deterministic; not thread-safe.
 class PoseInitializer {
  public:
-  // Several initializers of one thread may share detectors, which keep no state between calls. Find() uses
-  // the detectors, which detect lines of different lengths, in this order until the lines of one of them give a pose.
-  // `search` is null if the lines of the model determine no pose, and `templates` is null if the model has no curved
-  // edges. At least one of both must not be null.
+  // Several initializers of one thread may share detectors, which keep no state between calls. The detectors detect
+  // lines of different lengths; Find() uses them in this order until the lines of one of them give a pose. `search` is
+  // null if the lines of the model determine no pose, and `templates` is null if the model has no curved edges. At
+  // least one of both must not be null.
   PoseInitializer(std::shared_ptr<const ObjectModel> model, const CameraModel& camera,
                   std::vector<std::shared_ptr<LineDetector>> detectors, std::unique_ptr<PoseSearch> search,
                   std::unique_ptr<TemplateSearch> templates = nullptr);

@@ -87,7 +87,7 @@ std::vector<SegmentMatch> PoseFitter::Match(absl::Span<const ImagePart> parts, d
 }
 
 bool PoseFitter::Accumulate(absl::Span<const SegmentMatch> matches, const FitWeights& weights,
-                            const RigidTransform& pose, Normal& normal) const {
+                            const RigidTransform& pose, NormalEquations& normal) const {
   normal = {};
   for (const SegmentMatch& match : matches) {
     const SearchSegment& seen = segments_[match.segment];
@@ -115,7 +115,7 @@ bool PoseFitter::Accumulate(absl::Span<const SegmentMatch> matches, const FitWei
 bool PoseFitter::Refine(absl::Span<const SegmentMatch> matches, double widening, int iterations,
                         RigidTransform& pose) const {
   const FitWeights weights = FitWeights::Make(options_, widening);
-  Normal normal, next_normal;
+  NormalEquations normal, next_normal;
   if (!Accumulate(matches, weights, pose, normal)) return false;
   double damping = kFirstDamping;
   for (int i = 0; i < iterations && damping < kMaxDamping; ++i) {
@@ -210,12 +210,12 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
   std::vector<double> covered_px(parts.size(), 0.0), lengths_px;
   std::vector<double> across_cost(model_.lines().size(), kUnmatched);  // by line: the least of its segments
   YieldPoint();
-  for (const SearchSegment& line : segments_) {
+  for (const SearchSegment& segment : segments_) {
     double least = options_.unexplained_cost, across = 0.0;
     int matched = -1;
     for (size_t i = 0; i < parts.size(); ++i) {
       SegmentFit fit;
-      if (!FitSegment(line, parts[i].a_px, parts[i].b_px, weights, options_.unexplained_cost, fit)) continue;
+      if (!FitSegment(segment, parts[i].a_px, parts[i].b_px, weights, options_.unexplained_cost, fit)) continue;
       covered_px[i] += fit.overlap_px;  // one segment covers all lines that coincide in the image
       if (fit.cost >= least) continue;
       least = fit.cost;
@@ -225,7 +225,7 @@ PoseHypothesis PoseFitter::Score(const RigidTransform& pose, absl::Span<const Im
     hypothesis.cost += least;
     if (matched < 0) continue;
     across_cost[matched] = std::min(across_cost[matched], across);
-    hypothesis.model_line[line.index] = model_.lines()[matched].model_line;
+    hypothesis.model_line[segment.index] = model_.lines()[matched].model_line;
     ++hypothesis.num_matched;
   }
   for (size_t i = 0; i < parts.size(); ++i) {

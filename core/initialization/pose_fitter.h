@@ -40,7 +40,7 @@ class PoseFitter {
   std::vector<SegmentMatch> Match(absl::Span<const ImagePart> parts, double widening) const;
 
   // Normal equations of the weighted squares in the tangent space of rigid_transform.h, and the cost.
-  struct Normal {
+  struct NormalEquations {
     Matrix6d h = Matrix6d::Zero();
     Vector6d g = Vector6d::Zero();
     double cost = 0.0;
@@ -53,7 +53,7 @@ class PoseFitter {
   };
   // Computes the normal equations of the matches at a pose. Returns false if a line extends behind the camera.
   bool Accumulate(absl::Span<const SegmentMatch> matches, const FitWeights& weights, const RigidTransform& pose,
-                  Normal& normal) const;
+                  NormalEquations& normal) const;
 
   // Minimises the cost of the matches by Levenberg-Marquardt steps. Returns false if they do not determine the pose or
   // if the object leaves the space in front of the camera.
@@ -66,7 +66,7 @@ class PoseFitter {
   PoseHypothesis Score(const RigidTransform& pose, absl::Span<const ImagePart> parts, size_t num_segments) const;
   // Stages 5 and 6: refines and scores the pose with the parts that ray casting finds visible.
   PoseHypothesis ScoreVisible(RigidTransform pose, size_t num_segments) const;
-  // Stage 7: does the same to the minimum of the cost, for the few poses that a search returns.
+  // Stage 7: the same, but refines to the minimum of the cost, for the few poses that a search returns.
   PoseHypothesis ScoreMinimum(RigidTransform pose, size_t num_segments) const;
   // Stage 6: computes the second pose of a flat object by reflecting the depths of the matched lines about their mean
   // (README, equation (8)), and refines it. Under weak perspective both poses have the same image. Returns false if the

@@ -181,7 +181,7 @@ TEST_P(PoseFitterTest, TheBestPoseIsAMinimum) {
     if (matched.matches.size() < 4) continue;
     const PoseFitter fitter(*model_, trials_->camera(), matched.segments, options_);
     RigidTransform minimum = matched.pose;
-    PoseFitter::Normal normal;
+    PoseFitter::NormalEquations normal;
     ASSERT_TRUE(fitter.Refine(matched.matches, 1.0, kManySteps, minimum)) << seed;
     ASSERT_TRUE(fitter.Accumulate(matched.matches, weights_, minimum, normal)) << seed;
     const Vector6d off = Difference(matched.pose, minimum);
@@ -247,7 +247,7 @@ TEST_P(PoseFitterTest, NormalEquationsAreThoseOfAutomaticDifferentiation) {
     if (matched.matches.empty()) continue;
     const PoseFitter fitter(*model_, trials_->camera(), matched.segments, options_);
     const RigidTransform pose = Disturbed(matched.pose, random);
-    PoseFitter::Normal normal;
+    PoseFitter::NormalEquations normal;
     ASSERT_TRUE(fitter.Accumulate(matched.matches, weights_, pose, normal)) << seed;
     const Reference reference = Differentiate(trials_->camera(), matched, weights_, pose);
     EXPECT_NEAR(normal.cost, reference.cost.a, 1e-9 * normal.cost) << seed;

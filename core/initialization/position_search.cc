@@ -112,14 +112,14 @@ void PositionSearch::CastVotes() {
   votes_.clear();
   const double least_depth_m = model_.radius_m();  // the whole object must lie in front of the camera
   for (size_t j = 0; j < std::min(segments_.size(), static_cast<size_t>(options_.max_voters)); ++j) {
-    const SearchSegment& line = segments_[j];
-    const double scale = -1.0 / line.normal.dot(line.q1.cross(line.q2));
-    const Vector3d by_l1 = scale * line.q2.cross(line.normal), by_l2 = scale * line.q1.cross(line.normal);
+    const SearchSegment& segment = segments_[j];
+    const double scale = -1.0 / segment.normal.dot(segment.q1.cross(segment.q2));
+    const Vector3d by_l1 = scale * segment.q2.cross(segment.normal), by_l2 = scale * segment.q1.cross(segment.normal);
     for (const int direction : fitting_[j]) {
       const double l1 = turned_[direction].dot(by_l1), l2 = turned_[direction].dot(by_l2);
       if (!(l1 * l2 > 0.0)) continue;
       // Both ends must lie in front of the camera; a negative solution is the line in the opposite direction.
-      const Vector3d middle = (l1 > 0.0 ? 0.5 : -0.5) * (l1 * line.q1 + l2 * line.q2);
+      const Vector3d middle = (l1 > 0.0 ? 0.5 : -0.5) * (l1 * segment.q1 + l2 * segment.q2);
       for (int i = first_part_[direction]; i < first_part_[direction + 1]; ++i) {
         const Vector3d position = parts_[i].length_m * middle - parts_[i].middle;
         if (!(position.z() > least_depth_m)) continue;

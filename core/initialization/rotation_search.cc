@@ -39,10 +39,10 @@ constexpr float kNoCost = 1e9f;  // above any cost of up to 64 segments
 // The normals of the segments as a structure of arrays, to score many rotations.
 class Scorer {
  public:
-  static constexpr int kMaxLines = 64;  // the largest PoseSearchOptions::max_segments
+  static constexpr int kMaxSegments = 64;  // the largest PoseSearchOptions::max_segments
 
   Scorer(absl::Span<const SearchSegment> segments, const RotationSearchOptions& options)
-      : count_(static_cast<int>((std::min<size_t>(segments.size(), kMaxLines) + 3) / 4 * 4)),
+      : count_(static_cast<int>((std::min<size_t>(segments.size(), kMaxSegments) + 3) / 4 * 4)),
         cap_(static_cast<float>(options.max_line_cost)),
         sweep_variance_(static_cast<float>(options.sweep_sigma_rad * options.sweep_sigma_rad)) {
     turn_variance_.setConstant(1.0f);
@@ -50,7 +50,7 @@ class Scorer {
     x_.setZero();
     y_.setZero();
     z_.setZero();
-    for (int j = 0; j < std::min<int>(segments.size(), kMaxLines); ++j) {
+    for (int j = 0; j < std::min<int>(segments.size(), kMaxSegments); ++j) {
       x_[j] = static_cast<float>(segments[j].normal.x());
       y_[j] = static_cast<float>(segments[j].normal.y());
       z_[j] = static_cast<float>(segments[j].normal.z());
@@ -60,9 +60,9 @@ class Scorer {
     sight_ = sight.normalized().cast<float>();
   }
 
-  // `directions` are in the camera frame. A direction along the line of sight is determined by a line's position
-  // instead of its orientation, and the position is accurate: the angular uncertainty of the line counts only by the
-  // component of the direction across the line of sight.
+  // `directions` are in the camera frame. A direction along the line of sight is determined by the position of a
+  // segment instead of its orientation, and the position is accurate: the angular uncertainty of the segment counts
+  // only by the component of the direction across the line of sight.
   float Cost(const std::vector<Eigen::Vector3f>& directions) {
     auto best = best_.head(count_);
     best.setConstant(cap_);
@@ -76,7 +76,7 @@ class Scorer {
   }
 
  private:
-  using Row = Eigen::Array<float, kMaxLines, 1>;
+  using Row = Eigen::Array<float, kMaxSegments, 1>;
   const int count_;
   const float cap_;
   const float sweep_variance_;
@@ -127,7 +127,7 @@ class RotationSearch {
     const int num_pairs = static_cast<int>(model_.pairs().size());
     std::vector<Work> order;
     const int max_work = options_.max_rotations / kHalfCircleSteps + 1;
-    // Ordered by the sum of the rank of the lines and the rank of the directions, scaled to the same range.
+    // In the order of the sum of the ranks of both segments and of the pair of directions.
     for (int rank = 1; rank < 2 * count + num_pairs && static_cast<int>(order.size()) < max_work; ++rank) {
       for (int i = 0; i < count; ++i) {
         for (int j = i + 1; j < count && i + j <= rank; ++j) {
@@ -195,9 +195,9 @@ class RotationSearch {
     kept_.push_back({rotation, cost});
   }
 
-  // Gauss-Newton on the truncated cost, with the uncertainty of each line about its assigned direction. A prior keeps
-  // the result close to the rotation of the sweep: the lines of a flat object leave its tilt almost undetermined, and
-  // then all rotations of the flat valley must be examined instead of the minimum that noise selects.
+  // Gauss-Newton on the truncated cost, with the uncertainty of each segment about its assigned direction. A prior
+  // keeps the result close to the rotation of the sweep: the segments of a flat object leave its tilt almost
+  // undetermined, and then all rotations of the flat valley must be examined instead of the minimum that noise selects.
   RotationCandidate RefineRotation(RotationCandidate candidate) const {
     for (int iteration = 0;; ++iteration) {
       Matrix3d h = Matrix3d::Identity() / (options_.prior_rad * options_.prior_rad);
@@ -205,19 +205,19 @@ class RotationSearch {
       candidate.cost = 0.0;
       const double sigma_rad = iteration == 0 ? options_.sweep_sigma_rad : options_.refined_sigma_rad;
       const double rotation_variance = sigma_rad * sigma_rad;
-      for (const SearchSegment& line : segments_) {
+      for (const SearchSegment& segment : segments_) {
         double least = options_.max_line_cost;
         Vector3d row = Vector3d::Zero();
         double residual = 0.0;
         for (const Vector3d& v : model_.directions()) {
           const Vector3d d = candidate.rotation * v;
-          const double sine = line.normal.dot(d);
-          const double variance = line.Variance(d) + rotation_variance;
+          const double sine = segment.normal.dot(d);
+          const double variance = segment.Variance(d) + rotation_variance;
           if (sine * sine >= least * variance) continue;
           least = sine * sine / variance;
           const double scale = 1.0 / std::sqrt(variance);
           residual = sine * scale;
-          row = d.cross(line.normal) * scale;  // n . (dtheta x d) = dtheta . (d x n)
+          row = d.cross(segment.normal) * scale;  // n . (dtheta x d) = dtheta . (d x n)
         }
         candidate.cost += least < options_.max_line_cost ? least : options_.unexplained_cost;
         h += row * row.transpose();

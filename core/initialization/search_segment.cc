@@ -10,24 +10,24 @@ namespace {
 // A segment shorter than this number of standard deviations of its ends has no reliable direction.
 constexpr double kMinLengthSigmas = 4.0;
 
-SearchSegment MakeSearchSegment(const CameraModel& camera, const ImageSegment& segment, int index, double sigma_px) {
-  SearchSegment line;
-  line.index = index;
-  const double length_px = segment.length_px();
-  line.middle_px = 0.5 * (segment.p1_px + segment.p2_px);
-  line.half_px = 0.5 * length_px;
-  line.along = (segment.p2_px - segment.p1_px) / length_px;
-  line.across = {-line.along.y(), line.along.x()};
-  line.q1 = BearingOf(camera, segment.p1_px);
-  line.q2 = BearingOf(camera, segment.p2_px);
-  line.normal = BackProjectedNormal(camera, segment);
-  line.sight = (line.q1.normalized() + line.q2.normalized()).normalized();
-  line.sideways = line.normal.cross(line.sight);
-  const double subtended_rad = line.q1.cross(line.q2).norm() / (line.q1.norm() * line.q2.norm());
+SearchSegment MakeSearchSegment(const CameraModel& camera, const ImageSegment& image, int index, double sigma_px) {
+  SearchSegment segment;
+  segment.index = index;
+  const double length_px = image.length_px();
+  segment.middle_px = 0.5 * (image.p1_px + image.p2_px);
+  segment.half_px = 0.5 * length_px;
+  segment.along = (image.p2_px - image.p1_px) / length_px;
+  segment.across = {-segment.along.y(), segment.along.x()};
+  segment.q1 = BearingOf(camera, image.p1_px);
+  segment.q2 = BearingOf(camera, image.p2_px);
+  segment.normal = BackProjectedNormal(camera, image);
+  segment.sight = (segment.q1.normalized() + segment.q2.normalized()).normalized();
+  segment.sideways = segment.normal.cross(segment.sight);
+  const double subtended_rad = segment.q1.cross(segment.q2).norm() / (segment.q1.norm() * segment.q2.norm());
   const double sigma_rad = sigma_px / std::min(camera.fx_px, camera.fy_px);
-  line.turn_variance = 2.0 * sigma_rad * sigma_rad / (subtended_rad * subtended_rad);
-  line.shift_variance = 0.5 * sigma_rad * sigma_rad;
-  return line;
+  segment.turn_variance = 2.0 * sigma_rad * sigma_rad / (subtended_rad * subtended_rad);
+  segment.shift_variance = 0.5 * sigma_rad * sigma_rad;
+  return segment;
 }
 
 }  // namespace

@@ -54,18 +54,18 @@ inline double EndWeight(double inside_px, const FitWeights& weights) {
   return share * share * weights.along;
 }
 
-// Compares the segment with the part of a line that projects to a--b (pixels): the distances of both ends from the
-// line, and their positions along it. Returns false, and leaves `fit` undefined, if the cost reaches `cap`, if they do
-// not overlap, or if the angle between them exceeds 45 degrees.
-inline bool FitSegment(const SearchSegment& line, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
+// Compares a segment with the part of a model line whose ends project to `a` and `b` (undistorted pixels): the
+// distances of both ends of the segment from the line, and their positions along it. Returns false, and leaves `fit`
+// undefined, if the cost reaches `cap`, if the two do not overlap, or if the angle between them exceeds 45 degrees.
+inline bool FitSegment(const SearchSegment& segment, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
                        const FitWeights& weights, double cap, SegmentFit& fit) {
-  const Eigen::Vector2d to_a = a - line.middle_px, to_b = b - line.middle_px;
-  const double sa = line.along.dot(to_a), sb = line.along.dot(to_b);
+  const Eigen::Vector2d to_a = a - segment.middle_px, to_b = b - segment.middle_px;
+  const double sa = segment.along.dot(to_a), sb = segment.along.dot(to_b);
   const double low = std::min(sa, sb), high = std::max(sa, sb);
-  const double h = line.half_px;
+  const double h = segment.half_px;
   fit.overlap_px = std::min(high, h) - std::max(low, -h);
   if (!(fit.overlap_px > 0.0)) return false;
-  const double ya = line.across.dot(to_a), yb = line.across.dot(to_b);
+  const double ya = segment.across.dot(to_a), yb = segment.across.dot(to_b);
   const double run = sb - sa, rise = yb - ya;
   if (std::abs(rise) > std::abs(run)) return false;
   const double slope = rise / run;

@@ -19,7 +19,7 @@ struct TwistPrior {
 };
 
 struct TwistEstimate {
-  Vector6d twist = Vector6d::Zero();  // dT/dt = v in m/s, dR/dt = w^ R with w in rad/s
+  Vector6d twist = Vector6d::Zero();  // dT/dt = v in m/s, dR/dt = [w]x R with w in rad/s
   Matrix6d covariance = Matrix6d::Zero();
 };
 
