@@ -208,7 +208,7 @@ TEST(BoundingSphere, HoldsTheObject) {
 
 TEST(MayOverlap, NeverMissesAnOverlap) {
   Random random(3);
-  int overlaps = 0, claims = 0;
+  int num_overlaps = 0, num_reported = 0;
   for (int trial = 0; trial < 3000; ++trial) {
     const auto place = [&] {
       return BoundingSphere{{random.Uniform(-0.6, 0.6), random.Uniform(-0.5, 0.5), random.Uniform(0.5, 1.5)},
@@ -217,14 +217,14 @@ TEST(MayOverlap, NeverMissesAnOverlap) {
     const BoundingSphere a = place(), b = place();
     // The exact test compares the angle between the centres with the sum of the spheres' angular radii.
     const double angle = std::acos(a.centre.normalized().dot(b.centre.normalized()));
-    const bool overlap = angle < std::asin(a.radius_m / a.centre.norm()) + std::asin(b.radius_m / b.centre.norm());
-    const bool claim = MayOverlap(kCamera, a, b, 0.0);
-    EXPECT_TRUE(claim || !overlap) << trial;
-    overlaps += overlap;
-    claims += claim;
+    const bool is_overlap = angle < std::asin(a.radius_m / a.centre.norm()) + std::asin(b.radius_m / b.centre.norm());
+    const bool is_reported = MayOverlap(kCamera, a, b, 0.0);
+    EXPECT_TRUE(is_reported || !is_overlap) << trial;
+    num_overlaps += is_overlap;
+    num_reported += is_reported;
   }
-  EXPECT_GT(overlaps, 300);
-  EXPECT_LT(claims, 3 * overlaps) << "too many pairs are reported as overlapping";
+  EXPECT_GT(num_overlaps, 300);
+  EXPECT_LT(num_reported, 3 * num_overlaps) << "too many pairs are reported as overlapping";
 }
 
 }  // namespace

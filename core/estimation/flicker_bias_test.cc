@@ -14,14 +14,14 @@ constexpr double kSpreadPx = 0.8;
 constexpr double kStripPx = (1.0 - LineCounts::kLateralRatio) * kGatePx;
 constexpr ByPolarity kAllKept = {1.0, 1.0};
 
-// Remaining events of an edge with `edge` ON events beside a flickering surface with `off` OFF events per pixel, by
+// The remaining ON events of an edge beside a flickering surface, whose OFF events remove as many ON events, by
 // numerical integration across the edge.
 struct Scene {
-  double edge_events = 0.0;
+  double edge_events = 0.0;    // ON events of the edge
   ByPolarity off_per_px = {};  // OFF events per px at negative and at positive distances
 
   LineCounts counts;
-  double mean_px = 0.0;
+  double mean_px = 0.0;  // mean distance of the remaining ON events from the edge
 
   Scene(double edge, ByPolarity off) : edge_events(edge), off_per_px(off) {
     constexpr double kStepPx = 1e-3;
@@ -29,9 +29,9 @@ struct Scene {
     for (double x = -6.0 * kSpreadPx; x < 6.0 * kSpreadPx; x += kStepPx) {
       const double z = x / kSpreadPx;
       const double density = edge_events / (kSpreadPx * std::sqrt(2.0 * M_PI)) * std::exp(-0.5 * z * z);
-      const double left = std::max(0.0, density - off_per_px[x > 0.0 ? 1 : 0]) * kStepPx;
-      counts.own[1] += left;
-      moment += x * left;
+      const double remaining = std::max(0.0, density - off_per_px[x > 0.0 ? 1 : 0]) * kStepPx;
+      counts.own[1] += remaining;
+      moment += x * remaining;
     }
     for (int side = 0; side < 2; ++side) counts.beside[side][0] = off_per_px[side] * kStripPx;
     mean_px = moment / counts.own[1];
@@ -40,12 +40,12 @@ struct Scene {
 };
 
 TEST(FlickerBiasTest, EqualsTheMeanOfTheRemainingEvents) {
-  for (const double flood : {2.0, 10.0, 30.0, 44.0}) {
-    const Scene above(100.0, {0.0, flood});
+  for (const double off_per_px : {2.0, 10.0, 30.0, 44.0}) {
+    const Scene above(100.0, {0.0, off_per_px});
     EXPECT_LT(above.mean_px, 0.0);
-    EXPECT_NEAR(above.ShiftPx(), above.mean_px, 2e-3) << flood;
-    const Scene below(100.0, {flood, 0.0});
-    EXPECT_NEAR(below.ShiftPx(), below.mean_px, 2e-3) << flood;
+    EXPECT_NEAR(above.ShiftPx(), above.mean_px, 2e-3) << off_per_px;
+    const Scene below(100.0, {off_per_px, 0.0});
+    EXPECT_NEAR(below.ShiftPx(), below.mean_px, 2e-3) << off_per_px;
   }
 }
 
@@ -95,14 +95,13 @@ TEST(FlickerBiasTest, AffectsOnePolarityOfAStripe) {
 }
 
 TEST(FlickerBiasTest, GrowsWithTheRatioUpToABound) {
-  const FlickerBias& shift = FlickerBias::Get();
-  EXPECT_EQ(shift.Away(0.0), 0.0);
-  EXPECT_EQ(shift.Away(-1.0), 0.0);
-  for (double ratio = 0.01; ratio <= 0.7; ratio += 0.01)
-    EXPECT_GT(shift.Away(ratio), shift.Away(ratio - 0.01)) << ratio;
-  EXPECT_EQ(shift.Away(1e9), shift.Away(0.7));
+  const FlickerBias& bias = FlickerBias::Get();
+  EXPECT_EQ(bias.Away(0.0), 0.0);
+  EXPECT_EQ(bias.Away(-1.0), 0.0);
+  for (double ratio = 0.01; ratio <= 0.7; ratio += 0.01) EXPECT_GT(bias.Away(ratio), bias.Away(ratio - 0.01)) << ratio;
+  EXPECT_EQ(bias.Away(1e9), bias.Away(0.7));
   // Mean of a half-normal distribution: the whole flank on one side is missing.
-  EXPECT_LT(shift.Away(1e9), std::sqrt(2.0 / M_PI));
+  EXPECT_LT(bias.Away(1e9), std::sqrt(2.0 / M_PI));
 }
 
 TEST(FlickerBiasTest, AFewEventsMoveLittle) {

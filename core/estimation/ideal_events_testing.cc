@@ -60,10 +60,10 @@ void AddLineEvents(const ModelLine& line, const CameraModel& camera, const Motio
   }
 }
 
-// The curves and contours of a model as wires.
-class Wires {
+// The curves and contours of a model, as straight lines without faces: the extractor has tested their visibility.
+class CurvesAndContours {
  public:
-  explicit Wires(const ObjectModel& model)
+  explicit CurvesAndContours(const ObjectModel& model)
       : model_(model),
         faces_(model.vertices, model.triangles),
         extractor_(model, faces_, {.sagitta_px = 0.02, .max_elements = 10'000}) {}
@@ -73,9 +73,9 @@ class Wires {
     std::vector<EdgeElement> elements;
     constexpr int kFinest = 0;
     extractor_.Extract(camera, pose, kFinest, elements);
-    std::vector<ModelLine> wires;
-    for (const EdgeElement& element : elements) wires.push_back({element.p1, element.p2, {}});
-    return wires;
+    std::vector<ModelLine> lines;
+    for (const EdgeElement& element : elements) lines.push_back({element.p1, element.p2, {}});
+    return lines;
   }
 
  private:
@@ -166,8 +166,8 @@ std::vector<Event> MakeIdealEvents(const ObjectModel& model, const CameraModel& 
   // At 5 rad/s the view changes by 0.15 degrees meanwhile.
   constexpr int64_t kExtractUs = 500;
   Random random(options.seed);
-  const Wires wires(model);
-  std::vector<ModelLine> seen;
+  const CurvesAndContours curves(model);
+  std::vector<ModelLine> elements;
   std::vector<Event> events;
   for (int64_t t_us = 0; t_us < options.duration_us; t_us += kStepUs) {
     const size_t first = events.size();
@@ -175,9 +175,9 @@ std::vector<Event> MakeIdealEvents(const ObjectModel& model, const CameraModel& 
     for (const ModelLine& line : model.lines) {
       AddLineEvents(line, camera, motion, options, t_us * 1e-6, stamp_us, random, events);
     }
-    if (!wires.empty() && t_us % kExtractUs == 0) seen = wires.At(camera, motion(t_us * 1e-6));
-    for (const ModelLine& wire : seen) {
-      AddLineEvents(wire, camera, motion, options, t_us * 1e-6, stamp_us, random, events);
+    if (!curves.empty() && t_us % kExtractUs == 0) elements = curves.At(camera, motion(t_us * 1e-6));
+    for (const ModelLine& line : elements) {
+      AddLineEvents(line, camera, motion, options, t_us * 1e-6, stamp_us, random, events);
     }
     const uint32_t clutter = random.Poisson(options.clutter_per_s * kStepUs * 1e-6);
     for (uint32_t i = 0; i < clutter; ++i) {

@@ -93,7 +93,8 @@ TEST_F(MixtureTest, ObservedInformationEqualsTheCurvatureOfTheLikelihood) {
       events.push_back(At(du_px, 0.0));
     }
     Accumulate(events, density);
-    const double claimed = sums_[0].ObservedRatio(density.sigma_px) * Weight(sums_[0]) / std::pow(density.sigma_px, 2);
+    const double observed_information =
+        sums_[0].ObservedRatio(density.sigma_px) * Weight(sums_[0]) / std::pow(density.sigma_px, 2);
     const auto log_likelihood = [&](double shift_px) {
       double sum = 0.0;
       for (const double d_px : distances_px) {
@@ -106,7 +107,8 @@ TEST_F(MixtureTest, ObservedInformationEqualsTheCurvatureOfTheLikelihood) {
     constexpr double kStepPx = 0.02;
     const double curvature =
         (log_likelihood(kStepPx) - 2.0 * log_likelihood(0.0) + log_likelihood(-kStepPx)) / (kStepPx * kStepPx);
-    EXPECT_NEAR(claimed, -curvature, 0.02 * Weight(sums_[0]) / std::pow(density.sigma_px, 2)) << outlier_ratio;
+    EXPECT_NEAR(observed_information, -curvature, 0.02 * Weight(sums_[0]) / std::pow(density.sigma_px, 2))
+        << outlier_ratio;
   }
 }
 
@@ -144,7 +146,7 @@ TEST_F(MixtureTest, CountsAccountForDownsamplingByPolarity) {
   EXPECT_EQ(counts.reversals[1], 30.0);
 }
 
-TEST_F(MixtureTest, AnEventDeficitBrakesTheTwist) {
+TEST_F(MixtureTest, AnEventDeficitReducesTheTwist) {
   Accumulate({}, MixtureDensity());
   Matrix12d hessian = Matrix12d::Zero();
   Vector12d gradient = Vector12d::Zero();
@@ -171,7 +173,7 @@ TEST_F(MixtureTest, BackgroundEventsDoNotSupportTheMotion) {
   EXPECT_GT(gradient_with(explained), 0.0);
 }
 
-TEST_F(MixtureTest, AnOccludedLineDoesNotBrakeWhileOthersHaveEvents) {
+TEST_F(MixtureTest, AnOccludedLineDoesNotReduceTheTwistWhileOthersHaveEvents) {
   // Line 0 sweeps 200 px^2 in 10 ms and produces 2 events per px^2; line 1 produces none.
   const std::vector<Observation> events = EvenEvents(400, -1.0, 0.0, -48.0, 48.0, 4);
   Accumulate(events, {0.5, 0.1, 6.0});

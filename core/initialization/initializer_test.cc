@@ -109,48 +109,48 @@ class FixedDetector : public LineDetector {
 // A search that returns one given hypothesis and stores the segments that it received.
 class FixedSearch : public PoseSearch {
  public:
-  FixedSearch(PoseHypothesis hypothesis, std::vector<ImageSegment>& asked)
-      : hypothesis_(std::move(hypothesis)), asked_(asked) {}
+  FixedSearch(PoseHypothesis hypothesis, std::vector<ImageSegment>& received)
+      : hypothesis_(std::move(hypothesis)), received_(received) {}
   std::vector<PoseHypothesis> Search(absl::Span<const ImageSegment> segments) const override {
-    asked_.assign(segments.begin(), segments.end());
+    received_.assign(segments.begin(), segments.end());
     return {hypothesis_};
   }
 
  private:
   const PoseHypothesis hypothesis_;
-  std::vector<ImageSegment>& asked_;
+  std::vector<ImageSegment>& received_;
 };
 
 TEST(PoseInitializer, SearchesWithTheLinesAtTheMiddleOfTheirTime) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
-  std::vector<ImageSegment> asked;
+  std::vector<ImageSegment> received;
   PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10};
   PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
-                              std::make_unique<FixedSearch>(hypothesis, asked));
+                              std::make_unique<FixedSearch>(hypothesis, received));
   const FirstPoses first = initializer.Find({});
   EXPECT_EQ(first.num_lines, 10);
   ASSERT_EQ(first.poses.size(), 1u);
   EXPECT_EQ(first.poses[0].t_us, 5000);
   EXPECT_LT((first.poses[0].twist - SomeTwist()).head<3>().norm(), 0.01);
-  ASSERT_EQ(asked.size(), 10u);
-  for (size_t k = 0; k < asked.size(); ++k) {
+  ASSERT_EQ(received.size(), 10u);
+  for (size_t k = 0; k < received.size(); ++k) {
     const auto middle = ProjectLine(kCamera, kPose, model->lines[k].p1, model->lines[k].p2);
-    EXPECT_LT((asked[k].p1_px - middle->p1_px).norm(), 0.05);
-    EXPECT_LT((asked[k].p2_px - middle->p2_px).norm(), 0.05);
+    EXPECT_LT((received[k].p1_px - middle->p1_px).norm(), 0.05);
+    EXPECT_LT((received[k].p2_px - middle->p2_px).norm(), 0.05);
   }
 }
 
 TEST(PoseInitializer, RejectsPosesThatRandomSegmentsWouldGive) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   const LineDetection detection = Moving(*model, SomeTwist(), 10'000);
-  std::vector<ImageSegment> asked;
+  std::vector<ImageSegment> received;
   const double bound = InitializerOptions().max_false_alarms;
   for (const auto& [expected_false_alarms, is_plausible] : {std::pair{0.9 * bound, true}, {1.1 * bound, false}}) {
     PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10};
     hypothesis.expected_false_alarms = expected_false_alarms;
     PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
-                                std::make_unique<FixedSearch>(hypothesis, asked));
+                                std::make_unique<FixedSearch>(hypothesis, received));
     const FirstPoses first = initializer.Find({});
     EXPECT_TRUE(first.has_moved);
     EXPECT_EQ(first.poses.size(), is_plausible ? 1u : 0u) << expected_false_alarms;
@@ -161,15 +161,15 @@ TEST(PoseInitializer, WaitsUntilTheLinesHaveMoved) {
   auto model = std::make_shared<const ObjectModel>(Wires());
   LineDetection detection = Moving(*model, SomeTwist(), 10'000);
   for (DetectedLine& line : detection.lines) line.normal_velocity_px_per_s = -90.0;
-  std::vector<ImageSegment> asked;
+  std::vector<ImageSegment> received;
   PoseHypothesis hypothesis{kPose, 3.5, InOrder(model->lines.size()), 10};
   PoseInitializer initializer(model, kCamera, {std::make_shared<FixedDetector>(detection)},
-                              std::make_unique<FixedSearch>(hypothesis, asked));
+                              std::make_unique<FixedSearch>(hypothesis, received));
   const FirstPoses first = initializer.Find({});
   EXPECT_EQ(first.num_lines, 10);
   EXPECT_NEAR(first.motion_px, 0.9, 1e-9);
   EXPECT_TRUE(first.poses.empty());
-  EXPECT_TRUE(asked.empty());
+  EXPECT_TRUE(received.empty());
 }
 
 }  // namespace

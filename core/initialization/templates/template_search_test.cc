@@ -189,7 +189,7 @@ TEST(TemplateSearchTest, GivesTheSameBitsForTheSameEvents) {
   }
 }
 
-TEST(TemplateSearchTest, JudgesProposalsTogetherWithTheTemplates) {
+TEST(TemplateSearchTest, ScoresProposalsTogetherWithTheTemplates) {
   const auto model = ModelOfShape(SearchShape::kPlate);
   TemplateSearchOptions few;
   few.max_placements = 1;
