@@ -37,8 +37,8 @@ Motion Passing(double vx_m_per_s, double y_m, double z_m, double t_middle_s, dou
   };
 }
 
-// The first object occludes the others.
-std::vector<Event> Film(const std::vector<Actor>& actors, int64_t duration_us, double clutter_per_s = 50'000.0) {
+// Ideal events of all objects, in order of time. The first object occludes the others.
+std::vector<Event> EventsOf(const std::vector<Actor>& actors, int64_t duration_us, double clutter_per_s = 50'000.0) {
   std::vector<std::vector<Event>> streams;
   for (size_t i = 0; i < actors.size(); ++i) {
     IdealEventOptions options;
@@ -129,7 +129,7 @@ const std::vector<Actor>& Crossing() {
 
 TEST(SeveralObjects, AreTrackedWhileOnePassesBeforeTheOther) {
   const auto tracker = MakeTracker(Crossing(), true);
-  ExpectTrackedThroughout(Crossing(), *tracker, Track(*tracker, Film(Crossing(), 400'000)));
+  ExpectTrackedThroughout(Crossing(), *tracker, Track(*tracker, EventsOf(Crossing(), 400'000)));
 }
 
 TEST(SeveralObjects, OfOneModelAreNotConfused) {
@@ -137,7 +137,7 @@ TEST(SeveralObjects, OfOneModelAreNotConfused) {
   const std::vector<Actor> actors = {{cube, Passing(0.45, 0.0, 0.6, 0.2, 1.0)},
                                      {cube, Passing(-0.45, 0.07, 0.85, 0.2, 0.7)}};
   const auto tracker = MakeTracker(actors, true);
-  ExpectTrackedThroughout(actors, *tracker, Track(*tracker, Film(actors, 400'000)));
+  ExpectTrackedThroughout(actors, *tracker, Track(*tracker, EventsOf(actors, 400'000)));
 }
 
 TEST(SeveralObjects, AnOccludedOneIsHeldAndContinues) {
@@ -145,7 +145,7 @@ TEST(SeveralObjects, AnOccludedOneIsHeldAndContinues) {
                                      {Cube(0.08), Passing(-0.3, 0.0, 1.0, 0.2, -0.8)}};
   const auto tracker = MakeTracker(actors, true);
   // After 390 ms only a corner of the near one is left in the view, which does not determine its depth.
-  const std::vector<PoseEstimate> estimates = Track(*tracker, Film(actors, 385'000));
+  const std::vector<PoseEstimate> estimates = Track(*tracker, EventsOf(actors, 385'000));
   for (uint32_t i = 0; i < 2; ++i) {
     EXPECT_EQ(tracker->state(i), TrackState::kTracking) << i;
     EXPECT_EQ(tracker->losses(i), 0u) << i;
@@ -168,7 +168,7 @@ TEST(SeveralObjects, AnOccludedOneIsHeldAndContinues) {
 
 TEST(SeveralObjects, PosesDoNotDependOnTheCutOfCallsNorOnTheOrderOfTheObjects) {
   const std::vector<Actor> swapped = {Crossing()[1], Crossing()[0]};
-  const std::vector<Event> events = Film(Crossing(), 250'000);
+  const std::vector<Event> events = EventsOf(Crossing(), 250'000);
   const auto whole = MakeTracker(Crossing(), true);
   const std::vector<PoseEstimate> expected = Track(*whole, events);
   for (const size_t step : {7u, 1000u}) {
@@ -195,7 +195,7 @@ TEST(SeveralObjects, AreBothFoundWithoutGivenPoses) {
   const std::vector<Actor> actors = {{cube, Passing(0.4, -0.03, 0.6, 0.45, 1.0)},
                                      {cube, Passing(-0.4, 0.05, 0.8, 0.45, 0.7)}};
   const auto tracker = MakeTracker(actors, false);
-  const std::vector<PoseEstimate> estimates = Track(*tracker, Film(actors, 250'000));
+  const std::vector<PoseEstimate> estimates = Track(*tracker, EventsOf(actors, 250'000));
   for (uint32_t i = 0; i < 2; ++i) {
     EXPECT_EQ(tracker->state(i), TrackState::kTracking) << i;
     EXPECT_EQ(tracker->losses(i), 0u) << i;
@@ -209,7 +209,7 @@ TEST(SeveralObjects, AreBothFoundWithoutGivenPoses) {
 TEST(SeveralObjects, AnAbsentOneIsNotFoundInAnother) {
   const auto cube = Cube(0.15);
   const std::vector<Actor> actors = {{cube, Passing(0.4, 0.0, 0.6, 0.15, 1.0)}};
-  const std::vector<Event> events = Film(actors, 300'000);
+  const std::vector<Event> events = EventsOf(actors, 300'000);
   for (const bool with_pose : {true, false}) {
     std::vector<ObjectToTrack> objects(2);
     objects[0].model = objects[1].model = cube;
@@ -230,7 +230,7 @@ TEST(SeveralObjects, ADistantOneHasNoInfluence) {
                                      {Cube(0.12), [](double t) {
                                         return MakePose({0.2 + 0.1 * t, 0.02, 0.7}, {0.3, 0.4 + t, 0.1});
                                       }}};
-  const std::vector<Event> events = Film(actors, 150'000);
+  const std::vector<Event> events = EventsOf(actors, 150'000);
   const auto both = MakeTracker(actors, true);
   const auto alone = MakeTracker({actors[0]}, true);
   std::vector<PoseEstimate> estimates = Track(*both, events);

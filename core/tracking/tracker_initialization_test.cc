@@ -432,7 +432,6 @@ TEST(TrackerInitialization, AWrongPoseGivenDuringTheSearchIsRejectedAndTheSearch
   EXPECT_LT(first_us, 130'000);
 }
 
-// The following tests concern the order of the published poses, resets, and an object that vanishes at once.
 TEST(TrackerInitialization, PosesNeverStepBackInTime) {
   TrackerOptions options = IdealSensor();
   // The memory then contains windows for which poses were published already.

@@ -60,10 +60,10 @@ std::string Bytes(const std::vector<PoseEstimate>& estimates) {
   return writer.Take();
 }
 
-// Estimates and states of a run.
-struct Story {
+// What a tracker did in one run over a stream.
+struct TrackerRun {
   std::vector<PoseEstimate> estimates;
-  std::vector<std::string> states;  // saved states at intervals
+  std::vector<std::string> states;  // saved after some of the calls, chosen at random
   uint32_t losses = 0;
   uint64_t attempts = 0;
   bool was_lost = false;
@@ -72,49 +72,49 @@ struct Story {
 
 // Processes the stream in calls of random sizes with one tracker, and with another one that is saved and loaded into a
 // new tracker between all calls.
-Story RunMoved(const Scene& scene, uint64_t seed) {
-  Story story;
-  std::vector<PoseEstimate> moved_estimates;
+TrackerRun RunWithRestoredStates(const Scene& scene, uint64_t seed) {
+  TrackerRun run;
+  std::vector<PoseEstimate> restored_estimates;
   Random random(seed);
   const auto whole = MakeTracker(scene);
-  auto moved = MakeTracker(scene);
+  auto restored = MakeTracker(scene);
   for (size_t begin = 0; begin < scene.events.size();) {
     size_t size = 1 + random.UniformInt(random.UniformInt(2) == 0 ? 300 : 12'000);
     if (begin < scene.reset_before) size = std::min(size, scene.reset_before - begin);
     const auto piece = absl::MakeConstSpan(scene.events).subspan(begin, size);
     if (scene.reset_before > 0 && begin == scene.reset_before) {
       whole->ResetPose(scene.reset_pose);
-      moved->ResetPose(scene.reset_pose);
+      restored->ResetPose(scene.reset_pose);
     }
-    whole->AddEvents(piece, story.estimates);
-    moved->AddEvents(piece, moved_estimates);
+    whole->AddEvents(piece, run.estimates);
+    restored->AddEvents(piece, restored_estimates);
     begin += piece.size();
     if (random.UniformInt(20) == 0) {
-      whole->AdvanceTime(piece.back().t_us + 1500, story.estimates);
-      moved->AdvanceTime(piece.back().t_us + 1500, moved_estimates);
+      whole->AdvanceTime(piece.back().t_us + 1500, run.estimates);
+      restored->AdvanceTime(piece.back().t_us + 1500, restored_estimates);
     }
-    const std::string state = Save(*moved);
+    const std::string state = Save(*restored);
     EXPECT_TRUE(state == Save(*whole)) << "at event " << begin;
-    moved = MakeTracker(scene);
-    const absl::Status status = Load(state, *moved);
+    restored = MakeTracker(scene);
+    const absl::Status status = Load(state, *restored);
     EXPECT_EQ(status, absl::OkStatus()) << "at event " << begin;
-    EXPECT_TRUE(Save(*moved) == state) << "at event " << begin;
-    if (!status.ok() || ::testing::Test::HasFailure()) return story;
-    if (random.UniformInt(8) == 0) story.states.push_back(state);
-    if (moved->state() == TrackState::kLost) story.was_lost = true;
-    if (story.was_lost && moved->state() == TrackState::kTracking) story.was_found_again = true;
+    EXPECT_TRUE(Save(*restored) == state) << "at event " << begin;
+    if (!status.ok() || ::testing::Test::HasFailure()) return run;
+    if (random.UniformInt(8) == 0) run.states.push_back(state);
+    if (restored->state() == TrackState::kLost) run.was_lost = true;
+    if (run.was_lost && restored->state() == TrackState::kTracking) run.was_found_again = true;
   }
-  whole->Finish(story.estimates);
-  moved->Finish(moved_estimates);
-  EXPECT_TRUE(Bytes(story.estimates) == Bytes(moved_estimates));
+  whole->Finish(run.estimates);
+  restored->Finish(restored_estimates);
+  EXPECT_TRUE(Bytes(run.estimates) == Bytes(restored_estimates));
   for (size_t i = 0; i < scene.objects.size(); ++i) {
-    EXPECT_EQ(moved->state(i), whole->state(i));
-    EXPECT_EQ(moved->losses(i), whole->losses(i));
-    EXPECT_EQ(moved->initialization(i).attempts, whole->initialization(i).attempts);
-    story.losses += whole->losses(i);
-    story.attempts += whole->initialization(i).attempts;
+    EXPECT_EQ(restored->state(i), whole->state(i));
+    EXPECT_EQ(restored->losses(i), whole->losses(i));
+    EXPECT_EQ(restored->initialization(i).attempts, whole->initialization(i).attempts);
+    run.losses += whole->losses(i);
+    run.attempts += whole->initialization(i).attempts;
   }
-  return story;
+  return run;
 }
 
 Motion Tumbling() {
@@ -181,26 +181,26 @@ TEST(TrackerState, EveryEstimatorContinuesIdentically) {
     SCOPED_TRACE(std::string(name));
     Scene scene = OneCube(60'000, Tumbling(), true);
     scene.options.estimator_factory = EstimatorFactoryOf(estimator);
-    EXPECT_GT(RunMoved(scene, 1).estimates.size(), 20u);
+    EXPECT_GT(RunWithRestoredStates(scene, 1).estimates.size(), 20u);
   }
 }
 
 TEST(TrackerState, AStillObjectContinuesIdentically) {
-  EXPECT_GT(RunMoved(OneCube(400'000, RestsForAMoment(), true), 2).estimates.size(), 200u);
+  EXPECT_GT(RunWithRestoredStates(OneCube(400'000, RestsForAMoment(), true), 2).estimates.size(), 200u);
 }
 
 TEST(TrackerState, SearchLossAndRecoveryContinueIdentically) {
-  const Story story = RunMoved(FoundLostAndFoundAgain(), 3);
-  EXPECT_TRUE(story.was_lost);
-  EXPECT_TRUE(story.was_found_again);
-  EXPECT_GT(story.attempts, 2u);
+  const TrackerRun run = RunWithRestoredStates(FoundLostAndFoundAgain(), 3);
+  EXPECT_TRUE(run.was_lost);
+  EXPECT_TRUE(run.was_found_again);
+  EXPECT_GT(run.attempts, 2u);
 }
 
 TEST(TrackerState, SeveralObjectsContinueIdentically) {
   for (const bool with_poses : {true, false}) {
-    const Story story = RunMoved(Crossing(with_poses), 4);
+    const TrackerRun run = RunWithRestoredStates(Crossing(with_poses), 4);
     for (uint32_t i = 0; i < 2; ++i) {
-      EXPECT_TRUE(std::any_of(story.estimates.begin(), story.estimates.end(),
+      EXPECT_TRUE(std::any_of(run.estimates.begin(), run.estimates.end(),
                               [i](const PoseEstimate& estimate) { return estimate.object_index == i; }));
     }
   }
@@ -210,9 +210,9 @@ TEST(TrackerState, AGivenPoseContinuesIdentically) {
   Scene scene = OneCube(80'000, Tumbling(), false);
   scene.reset_before = scene.events.size() / 2;
   scene.reset_pose = Tumbling()(0.04);
-  EXPECT_GT(RunMoved(scene, 5).estimates.size(), 30u);
+  EXPECT_GT(RunWithRestoredStates(scene, 5).estimates.size(), 30u);
   scene.reset_pose = MakePose({0.2, 0.1, 0.8}, {0.1, 0.2, 0.3});  // a wrong pose
-  EXPECT_GT(RunMoved(scene, 6).losses, 0u);
+  EXPECT_GT(RunWithRestoredStates(scene, 6).losses, 0u);
 }
 
 // Two round objects from given poses.
@@ -239,7 +239,9 @@ Scene RoundObjects() {
   return scene;
 }
 
-TEST(TrackerState, RoundObjectsContinueIdentically) { EXPECT_GT(RunMoved(RoundObjects(), 10).estimates.size(), 100u); }
+TEST(TrackerState, RoundObjectsContinueIdentically) {
+  EXPECT_GT(RunWithRestoredStates(RoundObjects(), 10).estimates.size(), 100u);
+}
 
 // A damaged state is rejected, or the tracker processes the following events without a failure.
 void TryDamaged(const Scene& scene, const std::string& damaged, absl::Span<const Event> events, int* num_loaded) {
@@ -261,10 +263,10 @@ void TryDamaged(const Scene& scene, const std::string& damaged, absl::Span<const
 TEST(TrackerState, DamagedStatesAreRejectedOrTracked) {
   Random random(7);
   for (const Scene& scene : {FoundLostAndFoundAgain(), Crossing(true), RoundObjects()}) {
-    const Story story = RunMoved(scene, 8);
+    const TrackerRun run = RunWithRestoredStates(scene, 8);
     int num_loaded = 0;
     for (int i = 0; i < 40; ++i) {
-      const std::string& state = story.states[random.UniformInt(story.states.size())];
+      const std::string& state = run.states[random.UniformInt(run.states.size())];
       // Any events will do: the estimates after a damaged state are not compared.
       const auto events =
           absl::MakeConstSpan(scene.events).subspan(random.UniformInt(scene.events.size() - 3000), 3000);
@@ -288,8 +290,8 @@ TEST(TrackerState, DamagedStatesAreRejectedOrTracked) {
 
 TEST(TrackerState, TruncatedStatesAreRejected) {
   const Scene scene = Crossing(true);
-  const Story story = RunMoved(scene, 9);
-  const std::string& state = story.states.back();
+  const TrackerRun run = RunWithRestoredStates(scene, 9);
+  const std::string& state = run.states.back();
   for (size_t size = 0; size < state.size(); size += 1 + state.size() / 10) {
     EXPECT_EQ(Load(state.substr(0, size), *MakeTracker(scene)).code(), absl::StatusCode::kDataLoss) << size;
   }

@@ -249,9 +249,9 @@ class DenseLinesTest : public ::testing::Test {
     grid_.GiveLines(event);
     events_.push_back(event);
   }
-  // Windows with `count` events about each line, with a normal distribution about the place of another pose. Ends with
-  // the first result.
-  HealthResult Judge(int count, double shift_px, double spread_px, int max_windows) {
+  // The first result other than kOpen of windows with `count` events of each line, which are normally distributed with
+  // this standard deviation about a line at a distance of `shift_px`: the events of another pose.
+  HealthResult ResultOf(int count, double shift_px, double spread_px, int max_windows) {
     TrackHealth health(options_, near_probability_, 0.0, kNumLines);
     HealthResult result;
     for (int i = 0; i < max_windows && result.kind == Kind::kOpen; ++i) {
@@ -278,7 +278,7 @@ class DenseLinesTest : public ::testing::Test {
 
   const CameraModel camera_ = testing::MakeCamera(640, 480, 1000.0);
   const HealthOptions options_;
-  std::vector<double> pooled_ratios_;  // CurveResult::support_ratio of the pooled curves of the last Judge()
+  std::vector<double> pooled_ratios_;  // CurveResult::support_ratio of the pooled curves of the last ResultOf()
   const NearProbability near_probability_{options_};
   std::vector<TrackedLine> tracked_;
   std::vector<ImageLine> lines_;
@@ -288,24 +288,24 @@ class DenseLinesTest : public ::testing::Test {
 };
 
 TEST_F(DenseLinesTest, EventsBetweenTheLinesAreNoSupport) {
-  EXPECT_EQ(Judge(100, 0.0, 0.8, 20).kind, Kind::kSupported);
-  EXPECT_EQ(Judge(100, 0.0, 30.0, 20).kind, Kind::kUnsupported) << "uniform";
-  EXPECT_EQ(Judge(100, 0.5 * kSpacingPx, 0.8, 20).kind, Kind::kUnsupported) << "slid by half of the spacing";
+  EXPECT_EQ(ResultOf(100, 0.0, 0.8, 20).kind, Kind::kSupported);
+  EXPECT_EQ(ResultOf(100, 0.0, 30.0, 20).kind, Kind::kUnsupported) << "uniform";
+  EXPECT_EQ(ResultOf(100, 0.5 * kSpacingPx, 0.8, 20).kind, Kind::kUnsupported) << "slid by half of the spacing";
 }
 
 TEST_F(DenseLinesTest, AContradictionRequiresPower) {
   // 20 events of each of eight lines in a window: of isolated lines they would suffice.
-  EXPECT_EQ(Judge(20, 0.0, 30.0, 2).kind, Kind::kOpen);
-  EXPECT_EQ(Judge(20, 0.0, 30.0, 20).kind, Kind::kUnsupported);
+  EXPECT_EQ(ResultOf(20, 0.0, 30.0, 2).kind, Kind::kOpen);
+  EXPECT_EQ(ResultOf(20, 0.0, 30.0, 20).kind, Kind::kUnsupported);
 }
 
 TEST_F(DenseLinesTest, LinesWithoutPowerOfTheirOwnSupportAPoseTogether) {
   // Too few events for the significance of most single lines.
-  const HealthResult right = Judge(110, 0.0, 1.0, 1);
+  const HealthResult right = ResultOf(110, 0.0, 1.0, 1);
   EXPECT_EQ(right.kind, Kind::kSupported);
   EXPECT_GE(right.support_ratio, HealthOptions().confirm_support_ratio);
   EXPECT_THAT(pooled_ratios_, AllOf(SizeIs(Ge(3)), Each(Ge(HealthOptions().confirm_support_ratio))));
-  EXPECT_NE(Judge(110, 0.5 * kSpacingPx, 1.0, 1).kind, Kind::kSupported);
+  EXPECT_NE(ResultOf(110, 0.5 * kSpacingPx, 1.0, 1).kind, Kind::kSupported);
   EXPECT_THAT(pooled_ratios_, AllOf(SizeIs(Ge(3)), Each(0.0)));
 }
 
@@ -330,8 +330,9 @@ class RingHealthTest : public ::testing::Test {
     ProjectLines(camera_, state_, tracked_, lines_);
     grid_.Build(lines_, 12.0);
   }
-  HealthResult Judge(int events, double half_width_px, double background_per_px2 = 0.0,
-                     absl::Span<const Expectation> expectations = {}) {
+  // The result of one window with events that are uniformly distributed over a ring about the circle.
+  HealthResult ResultOf(int events, double half_width_px, double background_per_px2 = 0.0,
+                        absl::Span<const Expectation> expectations = {}) {
     std::vector<Observation> observations;
     for (int i = 0; i < events; ++i) {
       const double angle = random_.Uniform(0.0, 2.0 * M_PI);
@@ -367,24 +368,24 @@ class RingHealthTest : public ::testing::Test {
 };
 
 TEST_F(RingHealthTest, ACircleConstrainsAPoseAsSeveralLines) {
-  const HealthResult result = Judge(400, 1.0);
+  const HealthResult result = ResultOf(400, 1.0);
   EXPECT_EQ(result.kind, Kind::kSupported);
   EXPECT_GE(result.supported_lines, 6);
   EXPECT_LE(result.supported_lines, LineStatistics::kMaxLines);
-  EXPECT_EQ(Judge(400, 8.0).kind, Kind::kUnsupported);
+  EXPECT_EQ(ResultOf(400, 8.0).kind, Kind::kUnsupported);
 }
 
 TEST_F(RingHealthTest, EventsAtJointsAreCountedOnce) {
   // All events are within the gate of one element each: the circle has no gaps and no overlaps.
-  EXPECT_GT(Judge(400, 1.0).sigma, 0.95 * 400 * 0.75 / std::sqrt(400 * 0.25 * 0.75 * options_.dispersion));
+  EXPECT_GT(ResultOf(400, 1.0).sigma, 0.95 * 400 * 0.75 / std::sqrt(400 * 0.25 * 0.75 * options_.dispersion));
 }
 
 TEST_F(RingHealthTest, ACurveWithoutExpectedEventsIsNotTestable) {
   // A background that explains all events in the gates: 700 events in a ring of 60 px.
   constexpr double kBackground = 700.0 / (60.0 * 2.0 * M_PI * 60.0);
-  EXPECT_GT(Judge(700, 30.0, kBackground).testable_lines, 0) << "the motion should have produced events";
+  EXPECT_GT(ResultOf(700, 30.0, kBackground).testable_lines, 0) << "the motion should have produced events";
   const std::vector<Expectation> no_events(kElements, Expectation::kNothing);
-  EXPECT_EQ(Judge(700, 30.0, kBackground, no_events).testable_lines, 0);
+  EXPECT_EQ(ResultOf(700, 30.0, kBackground, no_events).testable_lines, 0);
 }
 
 }  // namespace

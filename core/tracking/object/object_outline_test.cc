@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// The outlines of tracked objects, on ideal events: where their segments lie, and that asking for them changes nothing.
+// The outlines of tracked objects, on ideal events: where their segments lie, and that reading them changes nothing.
 #include "core/tracking/object/object_outline.h"
 
 #include <gtest/gtest.h>
@@ -113,7 +113,7 @@ CameraModel FisheyeCamera() {
 const RigidTransform kBesideAxis = testing::MakePose({0.42, -0.05, 0.45}, {0.6, 0.5, 0.2});
 const Vector6d kOutlineTwist = Twist(0.05, -0.1, 0.02, 1.0, -2.0, 0.7);
 
-// The segments of a cube lie on the images of its lines, and cover those that are visible: 3 to 9 of them.
+// The segments of a cube lie on the images of its lines, and cover those that are visible.
 void ExpectOnLines(const CameraModel& camera, const RigidTransform& start) {
   const auto cube = Cube();
   const Outlined run = TrackOutlined(cube, camera, start, kOutlineTwist, true);
