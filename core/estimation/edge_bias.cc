@@ -52,13 +52,12 @@ EdgeOffsets ExpectedEdgeOffsets(const SensorProfile& sensor, const EdgeRates& ra
           -0.5 * ((1.0 - kappa) * on_px + (1.0 + kappa) * off_px)};
 }
 
-EdgeOffsets EdgeBias::ExpectedOffsets(const Profile& profile, int half) const {
-  if (profile.events < options_.min_events) return {};
+EdgeOffsets EdgeBias::ExpectedOffsets(const CurveCounts& curve, int half) const {
+  if (curve.events < options_.min_events) return {};
   // The lower bounds of the areas avoid a division by zero; min_events need far larger areas.
-  const EdgeRates rates = {profile.events / std::max(profile.live_px2, 0.25),
-                           profile.reversals / std::max(profile.swept_px2, 1.0),
-                           profile.recent_reversals[half] / std::max(profile.recent_swept_px2[half], 1.0),
-                           profile.polarity_motion / profile.events};
+  const EdgeRates rates = {
+      curve.events / std::max(curve.live_px2, 0.25), curve.reversals / std::max(curve.swept_px2, 1.0),
+      curve.recent_reversals[half] / std::max(curve.recent_swept_px2[half], 1.0), curve.polarity_motion / curve.events};
   return ExpectedEdgeOffsets(sensor_, rates);
 }
 
@@ -68,8 +67,8 @@ void EdgeBias::FindOffsets(absl::Span<const TrackedLine> tracked, std::vector<Ha
     YieldPoint(first);
     const auto index = static_cast<size_t>(tracked[first].curve);
     HalfOffsets of_curve;
-    if (index < profiles_.size()) {
-      of_curve = {ExpectedOffsets(profiles_[index], 0), ExpectedOffsets(profiles_[index], 1)};
+    if (index < curves_.size()) {
+      of_curve = {ExpectedOffsets(curves_[index], 0), ExpectedOffsets(curves_[index], 1)};
     }
     for (size_t k = first; k < end; ++k) offsets.push_back(of_curve);
   });
@@ -115,38 +114,38 @@ void EdgeBias::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const Ima
       const double last = NormalSpeedPxPerS(camera_, line, 0.9);
       if (first * last < 0.0 || std::min(std::abs(first), std::abs(last)) < kMinSpeedPxPerS) continue;
       const size_t index = static_cast<size_t>(tracked[k].curve);
-      if (index >= profiles_.size()) profiles_.resize(index + 1);
+      if (index >= curves_.size()) curves_.resize(index + 1);
       const double half_px_s = 0.5 * line.length_px * duration_s;
       const std::array<double, 2> swept_px2 = {half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.25)),
                                                half_px_s * std::abs(NormalSpeedPxPerS(camera_, line, 0.75))};
-      Add(counts[k], 0.5 * (first + last), swept_px2, profiles_[index]);
+      Add(counts[k], 0.5 * (first + last), swept_px2, curves_[index]);
     }
   });
 }
 
 void EdgeBias::Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,
-                   Profile& profile) const {
+                   CurveCounts& curve) const {
   const double direction = velocity_px_per_s > 0.0 ? 1.0 : -1.0;
   const double events = counts.polarity[0] + counts.polarity[1];
   const double both_px2 = swept_px2[0] + swept_px2[1];
-  profile.events += events;
-  profile.swept_px2 += both_px2;
-  profile.live_px2 += LiveAreaPx2(sensor_, both_px2, events, std::abs(velocity_px_per_s));
-  profile.polarity_motion += direction * (counts.polarity[1] - counts.polarity[0]);
-  profile.reversals += counts.reversals[0] + counts.reversals[1];
-  const double keep = std::min(1.0, options_.memory_events / std::max(profile.events, 1.0));
-  profile.events *= keep;
-  profile.swept_px2 *= keep;
-  profile.live_px2 *= keep;
-  profile.polarity_motion *= keep;
-  profile.reversals *= keep;
+  curve.events += events;
+  curve.swept_px2 += both_px2;
+  curve.live_px2 += LiveAreaPx2(sensor_, both_px2, events, std::abs(velocity_px_per_s));
+  curve.polarity_motion += direction * (counts.polarity[1] - counts.polarity[0]);
+  curve.reversals += counts.reversals[0] + counts.reversals[1];
+  const double keep = std::min(1.0, options_.memory_events / std::max(curve.events, 1.0));
+  curve.events *= keep;
+  curve.swept_px2 *= keep;
+  curve.live_px2 *= keep;
+  curve.polarity_motion *= keep;
+  curve.reversals *= keep;
   for (int half = 0; half < 2; ++half) {
-    profile.recent_reversals[half] += counts.reversals[half];
-    profile.recent_swept_px2[half] += swept_px2[half];
+    curve.recent_reversals[half] += counts.reversals[half];
+    curve.recent_swept_px2[half] += swept_px2[half];
     const double keep_recent =
-        std::min(1.0, options_.reversal_memory_px2 / std::max(profile.recent_swept_px2[half], 1.0));
-    profile.recent_reversals[half] *= keep_recent;
-    profile.recent_swept_px2[half] *= keep_recent;
+        std::min(1.0, options_.reversal_memory_px2 / std::max(curve.recent_swept_px2[half], 1.0));
+    curve.recent_reversals[half] *= keep_recent;
+    curve.recent_swept_px2[half] *= keep_recent;
   }
 }
 

@@ -96,12 +96,12 @@ class EdgeBias {
              absl::Span<const EdgeCounts> counts, double duration_s);
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [options, sensor, camera, profiles] = self;
-    archive(profiles);
+    auto& [options, sensor, camera, curves] = self;
+    archive(curves);
   }
 
  private:
-  struct Profile {
+  struct CurveCounts {
     double events = 0.0;           // explained events
     double swept_px2 = 0.0;        // area that the line swept while it produced them
     double live_px2 = 0.0;         // share of it by LiveAreaPx2()
@@ -127,14 +127,14 @@ class EdgeBias {
   };
   // Adds the counts of one window. The velocity is normal to the line, the swept areas are those of its halves.
   void Add(const EdgeCounts& counts, double velocity_px_per_s, const std::array<double, 2>& swept_px2,
-           Profile& profile) const;
+           CurveCounts& curve) const;
   // ExpectedEdgeOffsets() of one half of a line; 0 before EdgeOptions::min_events were counted.
-  EdgeOffsets ExpectedOffsets(const Profile& profile, int half) const;
+  EdgeOffsets ExpectedOffsets(const CurveCounts& curve, int half) const;
 
   const EdgeOptions options_;
   const SensorProfile sensor_;
   const CameraModel camera_;
-  std::vector<Profile> profiles_;  // indexed by TrackedLine::curve
+  std::vector<CurveCounts> curves_;  // indexed by TrackedLine::curve
 };
 
 }  // namespace evpose

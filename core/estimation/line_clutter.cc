@@ -33,7 +33,7 @@ void LineClutter::Densities(absl::Span<const TrackedLine> tracked, absl::Span<co
   for (size_t k = 0; k < tracked.size(); ++k) densities.push_back(LineDensities::Of(density));
   ForEachCurve(tracked, [&](size_t first, size_t end) {
     const auto index = static_cast<size_t>(tracked[first].curve);
-    Memory memory = index < lines_.size() ? lines_[index] : Memory();
+    Memory memory = index < curves_.size() ? curves_[index] : Memory();
     for (size_t k = first; k < end && !counts.empty(); ++k) {
       if (lines[k].in_view()) Add(counts[k], Direction(lines[k]), counts_gate_px, memory);
     }
@@ -74,8 +74,8 @@ void LineClutter::Learn(absl::Span<const TrackedLine> tracked, absl::Span<const 
     const absl::Span<const ImageLine> of_curve = lines.subspan(first, end - first);
     if (std::none_of(of_curve.begin(), of_curve.end(), [](const ImageLine& line) { return line.in_view(); })) return;
     const auto index = static_cast<size_t>(tracked[first].curve);
-    if (index >= lines_.size()) lines_.resize(index + 1);
-    Memory& memory = lines_[index];
+    if (index >= curves_.size()) curves_.resize(index + 1);
+    Memory& memory = curves_[index];
     for (size_t k = first; k < end; ++k) {
       if (lines[k].in_view()) Add(counts[k], Direction(lines[k]), gate_px, memory);
     }

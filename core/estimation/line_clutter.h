@@ -68,8 +68,8 @@ class LineClutter {
              absl::Span<const LineCounts> counts, double gate_px);
 
   static void VisitState(auto& archive, auto& self) {
-    auto& [camera, lines] = self;
-    archive(lines);
+    auto& [camera, curves] = self;
+    archive(curves);
   }
 
  private:
@@ -95,7 +95,7 @@ class LineClutter {
   static void SetDensities(const Memory& memory, int direction, const MixtureDensity& density, LineDensities& line);
 
   const CameraModel camera_;
-  std::vector<Memory> lines_;  // indexed by TrackedLine::curve
+  std::vector<Memory> curves_;  // indexed by TrackedLine::curve
 };
 
 }  // namespace evpose
