@@ -95,7 +95,7 @@ class LinePoseSearch : public PoseSearch {
     PositionSearch positions(*search_model_, camera_, longest, options_);
     const double votes_per_candidate = positions.ExpectedVotes() * static_cast<double>(labellings.size());
     const double max_candidates = std::clamp(options_.max_votes / votes_per_candidate, kMinRotations, kMaxRotations);
-    const RotationSearchOptions rotation_options = {.max_line_cost = options_.max_across_cost(),
+    const RotationSearchOptions rotation_options = {.max_segment_cost = options_.max_across_cost(),
                                                     .unexplained_cost = options_.unexplained_cost,
                                                     .max_rotations = options_.max_rotations,
                                                     .max_candidates = static_cast<int>(max_candidates)};

@@ -24,7 +24,7 @@ using Eigen::Vector3d;
 // Number of rotations in half a turn of the sweep: steps of 1.5 degrees, half of which is 0.013 rad
 // (RotationSearchOptions::sweep_sigma_rad).
 constexpr int kHalfCircleSteps = 120;
-// Every second rotation of a flat valley is kept (RotationSearchOptions::valley_of_line_cost); the steps between them
+// Every second rotation of a flat valley is kept (RotationSearchOptions::valley_cost_ratio); the steps between them
 // are within the range of the refinement.
 constexpr int kValleyStride = 2;
 // Gauss-Newton steps. The start is within 0.01 rad, where the cost is nearly quadratic.
@@ -43,7 +43,7 @@ class Scorer {
 
   Scorer(absl::Span<const SearchSegment> segments, const RotationSearchOptions& options)
       : count_(static_cast<int>((std::min<size_t>(segments.size(), kMaxSegments) + 3) / 4 * 4)),
-        cap_(static_cast<float>(options.max_line_cost)),
+        cap_(static_cast<float>(options.max_segment_cost)),
         sweep_variance_(static_cast<float>(options.sweep_sigma_rad * options.sweep_sigma_rad)) {
     turn_variance_.setConstant(1.0f);
     Vector3d sight = Vector3d::Zero();
@@ -206,7 +206,7 @@ class RotationSearch {
       const double sigma_rad = iteration == 0 ? options_.sweep_sigma_rad : options_.refined_sigma_rad;
       const double rotation_variance = sigma_rad * sigma_rad;
       for (const SearchSegment& segment : segments_) {
-        double least = options_.max_line_cost;
+        double least = options_.max_segment_cost;
         Vector3d row = Vector3d::Zero();
         double residual = 0.0;
         for (const Vector3d& v : model_.directions()) {
@@ -219,7 +219,7 @@ class RotationSearch {
           residual = sine * scale;
           row = d.cross(segment.normal) * scale;  // n . (dtheta x d) = dtheta . (d x n)
         }
-        candidate.cost += least < options_.max_line_cost ? least : options_.unexplained_cost;
+        candidate.cost += least < options_.max_segment_cost ? least : options_.unexplained_cost;
         h += row * row.transpose();
         g += row * residual;
       }
@@ -286,8 +286,8 @@ class RotationSearch {
   int budget_ = options_.max_rotations;
   float best_ = kNoCost;
   const float valley_ =
-      static_cast<float>(options_.max_line_cost * (model_.directions().size() == 2 ? options_.flat_valley_of_line_cost
-                                                                                   : options_.valley_of_line_cost));
+      static_cast<float>(options_.max_segment_cost * (model_.directions().size() == 2 ? options_.flat_valley_cost_ratio
+                                                                                      : options_.valley_cost_ratio));
   std::vector<Eigen::Quaterniond> symmetries_;  // symmetries of the directions
   std::vector<Eigen::Vector3f> directions_, turned_;
   std::deque<RotationCandidate> kept_;  // grows without copies: there may be tens of thousands

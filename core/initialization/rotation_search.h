@@ -24,7 +24,7 @@ struct RotationCandidate {
 // The pose search sets the first four fields (PoseSearchOptions); the others are validated by the trials of
 // core/experiments/first_pose.
 struct RotationSearchOptions {
-  double max_line_cost = 16.0;     // squared sigmas; a segment with a larger deviation is assigned to no direction
+  double max_segment_cost = 16.0;  // squared sigmas; a segment with a larger deviation is assigned to no direction
   double unexplained_cost = 24.0;  // squared sigmas; the cost of such a segment
   int max_rotations = 24'000;      // limit of the number of scored rotations
   // Number of returned candidates. The pose search sets it to 10 to 600, by the number of votes that each of them
@@ -42,11 +42,11 @@ struct RotationSearchOptions {
   double prior_rad = 0.02;
   // Rotations closer than this, radians, are duplicates; the pose refinement converges from a greater distance.
   double same_rotation_rad = 0.03;
-  // Besides the minima of a sweep, rotations are kept with a cost that exceeds the best one by at most this number of
-  // `max_line_cost`: under weak perspective, two directions leave one degree of freedom undetermined. The second value
+  // Besides the minima of a sweep, rotations are kept with a cost that exceeds the best one by at most this multiple of
+  // max_segment_cost: under weak perspective, two directions leave one degree of freedom undetermined. The second value
   // is for an object with only two directions (a flat object), which always leaves it undetermined.
-  double valley_of_line_cost = 1.0;
-  double flat_valley_of_line_cost = 2.0;
+  double valley_cost_ratio = 1.0;
+  double flat_valley_cost_ratio = 2.0;
 };
 
 // Finds rotations. A pair of segments on a pair of directions leaves one degree of freedom of the rotation. It is
