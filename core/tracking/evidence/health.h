@@ -73,7 +73,8 @@ struct TestThresholds {
 // Accumulates the event counts of the lines of one hypothesis and tests them.
 class TrackHealth {
  public:
-  // Distance in pixels from the lines up to which AddWindow() needs the events.
+  // Distance in pixels from the predicted lines up to which AddWindow() needs the events: the gates, and 2 px by which
+  // the fit may move the lines.
   static double ReachPx(const HealthOptions& options) { return options.gate_px + 2.0; }
 
   // `near_probability` must be that of the options and outlive this object.
