@@ -270,7 +270,7 @@ class ModelsRun(Run):
         names = distinct(models.shape_of(entry["name"]) for entry in entries)
         return {name: [entry for entry in entries if models.shape_of(entry["name"]) == name] for name in names}
 
-    def rows(self, arguments, shapes, more=lambda shape: []):
+    def rows(self, arguments, shapes, more=None):
         """The rows of all `shapes`. `more` returns further arguments for one of them."""
         folder = self.folder(arguments)
         with open(EVPOSE, "rb") as file:
@@ -278,7 +278,7 @@ class ModelsRun(Run):
         program.update(machine().encode())
         rows = []
         for shape, variants in shapes.items():
-            command = arguments + more(shape) + ["--names", ",".join(entry["name"] for entry in variants)]
+            command = arguments + (more(shape) if more else []) + ["--names", ",".join(entry["name"] for entry in variants)]
             key = program.copy()
             key.update(json.dumps(command).encode())
             for path in distinct(path for entry in variants for path in (entry["file"], entry["reference"])):
@@ -301,19 +301,27 @@ class ModelsRun(Run):
 
 
 class FirstPosesRun(ModelsRun):
-    """First poses of the medium tessellation of each shape in all scenes, and of each shape in the recordings of the next one."""
+    """First poses of the medium tessellation of each shape."""
 
-    def output(self, arguments):
-        shapes = {name: [entry for entry in entries if entry["name"].endswith("-medium")]
-                  for name, entries in self.shapes(arguments).items()}
+    def shapes(self, arguments):
+        return {name: [entry for entry in entries if entry["name"].endswith("-medium")]
+                for name, entries in super().shapes(arguments).items()}
+
+
+class AbsentPosesRun(FirstPosesRun):
+    """The same; each shape is searched for in the recordings of the next one."""
+
+    def rows(self, arguments, shapes, more=None):
         names = list(shapes)
         following = dict(zip(names, names[1:] + names[:1], strict=True))
-        result = {scene: self.rows(arguments + ["--scene", scene], shapes) for scene in ("standard", "occluder", "moving-background")}
-        result["absent"] = self.rows(arguments, shapes, lambda shape: ["--shown", shapes[following[shape]][0]["name"]])
-        return result
+        return super().rows(arguments, shapes, lambda shape: ["--shown", shapes[following[shape]][0]["name"]])
 
 
 BENCH = ["evpose", "bench"]
+GENERATE_MODELS = ["tests/bench/models/generate.py", "build/bench-models"]
+FIRST_POSES = BENCH + ["models", "--models", "build/bench-models", "--first-pose", "--seeds", "2", "--duration", "0.8", "--starts", "4",
+                       "--recordings", "build/bench-models/recordings-first-pose"]
+QUICK_FIRST_POSES = [("--seeds", "1"), ("--starts", "2")]
 # Recordings that are not part of the project, in the folder EVPOSE_SHARED_DATA of CMake.
 REAL = os.path.join(cmake_value("EVPOSE_SHARED_DATA"), "real")
 RUNS = [
@@ -323,11 +331,13 @@ RUNS = [
     Run(["tests/bench/flicker.py"], [("--objects", "book"), ("--seeds", "1")], {"flicker": flicker}),
     # All tessellations of a shape are tracked on the same recordings.
     ModelsRun(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"], [("--seeds", "1"), ("--duration", "0.2")],
-        {"models": models.models}, setup=["tests/bench/models/generate.py", "build/bench-models"]),
-    FirstPosesRun(BENCH + ["models", "--models", "build/bench-models", "--first-pose", "--seeds", "2", "--duration", "0.8", "--starts", "10",
-                           "--recordings", "build/bench-models/recordings-first-pose"],
-                  [("--seeds", "1"), ("--starts", "2")], {"models-first-pose": models.first_poses},
-                  setup=["tests/bench/models/generate.py", "build/bench-models"]),
+        {"models": models.models}, setup=GENERATE_MODELS),
+    FirstPosesRun(FIRST_POSES + ["--scene", "standard"], QUICK_FIRST_POSES, {"first-pose-models": models.first_poses}, setup=GENERATE_MODELS),
+    FirstPosesRun(FIRST_POSES + ["--scene", "occluder"], QUICK_FIRST_POSES, {"first-pose-occluder": models.first_poses},
+                  setup=GENERATE_MODELS),
+    FirstPosesRun(FIRST_POSES + ["--scene", "moving-background"], QUICK_FIRST_POSES, {"first-pose-moving-background": models.first_poses},
+                  setup=GENERATE_MODELS),
+    AbsentPosesRun(FIRST_POSES, QUICK_FIRST_POSES, {"first-pose-absent": models.first_poses}, setup=GENERATE_MODELS),
     Run(BENCH + ["real", REAL, "--absent-starts", "8"], [("--starts", "3"), ("--parts", "present")], {"real": real}, needs=REAL),
     Run(["tests/bench/real/replays.py", "--bin", "build/release", REAL], [("--recording", "shapes_rotation")],
         {"real-replays": cameras.replays}, read=cameras.read, needs=REAL),

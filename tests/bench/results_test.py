@@ -57,17 +57,14 @@ def start(right_us, wrong_at_us=-1, longest_wrong_us=0):
 
 
 class FirstPosesTableTest(unittest.TestCase):
-    def test_each_scene_has_its_starts(self):
+    def test_starts_are_found_within_the_limit_and_wrong_ones_are_counted(self):
         searches = [{"has_moved": True, "compute_s": 0.04}, {"has_moved": True, "compute_s": 0.09}, {"has_moved": False, "compute_s": 1.0}]
-        cube = {"model": "cube-medium", "searches": searches}
-        late, wrong = start(310_001), start(-1, 20_000, 31_000)
-        result = {"standard": [{**cube, "starts": [start(30_000), start(310_000), late]}, {"model": "mug-medium", "error": "refused"}],
-                  "occluder": [{**cube, "starts": [wrong]}], "absent": [{**cube, "starts": [start(-1), start(-1)]}]}
+        starts = [start(30_000), start(310_000), start(310_001), start(-1, 20_000, 31_000)]
+        result = {"models": [{"model": "cube-medium", "searches": searches, "starts": starts}, {"model": "mug-medium", "error": "refused"}]}
         lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in models.first_poses(result).splitlines()]
-        self.assertEqual(lines[0][1:3], ["found, standard", "found, occluder"])
-        self.assertEqual(lines[2], ["cube", "2 of 3", "0 of 1", "160", "65 / 90", "0, 0", "1, 31", "0 of 2, 0"])
-        self.assertEqual(lines[3], ["mug", "0 of 0", "0 of 0", "-", "-", "0, 0", "0, 0", "0 of 0, 0"])
-        self.assertEqual(lines[4][1:3], ["2 of 3", "0 of 1"])
+        self.assertEqual(lines[2], ["cube", "2 of 4", "160", "1, 31", "65 / 90"])
+        self.assertEqual(lines[3], ["mug", "0 of 0", "-", "0, 0", "-"])
+        self.assertEqual(lines[4], ["all", "2 of 4", "160", "1, 31", "65 / 90"])
 
 
 class SeeingTablesTest(unittest.TestCase):

@@ -67,28 +67,19 @@ def is_found(start):
 
 
 def first_poses(result):
-    """A line for each shape, and one for all. `result` has the models of each scene by its name; in the last one, the object is absent."""
-    scenes = list(result)
-    absent = scenes[-1]
-    present = scenes[:-1]
+    """A line for each shape, and one for all."""
+    def line(title, rows):
+        starts = [start for row in rows for start in row.get("starts", [])]
+        waits_ms = [1e-3 * (start["right_us"] - start["moved_us"]) for start in starts if is_found(start)]
+        wrong = [start for start in starts if start["wrong_at_us"] >= 0]
+        longest_ms = max((1e-3 * start["longest_wrong_us"] for start in wrong), default=0.0)
+        searches_ms = [1e3 * search["compute_s"] for row in rows for search in row.get("searches", []) if search["has_moved"]]
+        return [title, f"{len(waits_ms)} of {len(starts)}", cell(statistics.median(waits_ms), 0) if waits_ms else "-",
+                f"{len(wrong)}, {longest_ms:.0f}",
+                f"{cell(statistics.median(searches_ms), 0)} / {cell(max(searches_ms), 0)}" if searches_ms else "-"]
 
-    def line(title, rows_of):
-        starts = {scene: [start for row in rows_of[scene] for start in row.get("starts", [])] for scene in scenes}
-        found = {scene: [start for start in starts[scene] if is_found(start)] for scene in present}
-        waits_ms = [1e-3 * (start["right_us"] - start["moved_us"]) for start in found[scenes[0]]]
-        searches_ms = [1e3 * search["compute_s"] for row in rows_of[scenes[0]] for search in row.get("searches", [])
-                       if search["has_moved"]]
-        wrong = {scene: [start for start in starts[scene] if start["wrong_at_us"] >= 0] for scene in scenes}
-        longest_ms = {scene: max((1e-3 * start["longest_wrong_us"] for start in wrong[scene]), default=0.0) for scene in scenes}
-        return [title] + [f"{len(found[scene])} of {len(starts[scene])}" for scene in present] + [
-            cell(statistics.median(waits_ms), 0) if waits_ms else "-",
-            f"{cell(statistics.median(searches_ms), 0)} / {cell(max(searches_ms), 0)}" if searches_ms else "-",
-        ] + [f"{len(wrong[scene])}, {longest_ms[scene]:.0f}" for scene in present] + [
-            f"{len(wrong[absent])} of {len(starts[absent])}, {longest_ms[absent]:.0f}"]
-
-    shapes = distinct(shape_of(row["model"]) for row in result[scenes[0]])
-    rows = [line(shape, {scene: [row for row in result[scene] if shape_of(row["model"]) == shape] for scene in scenes}) for shape in shapes]
-    return table(["shape"] + [f"found, {scene}" for scene in present] +
-                 ["wait, median, ms", "one search, median / longest, ms of processor time"] +
-                 [f"starts with a wrong pose as TRACKING, and its longest time, ms: {scene}" for scene in present] +
-                 ["the same: absent"], rows + [line("all", result)])
+    models_of = {shape: [row for row in result["models"] if shape_of(row["model"]) == shape]
+                 for shape in distinct(shape_of(row["model"]) for row in result["models"])}
+    return table(["shape", "found", "wait, median, ms", "starts with a wrong pose as TRACKING, and its longest time, ms",
+                  "one search, median / longest, ms of processor time"],
+                 [line(shape, rows) for shape, rows in models_of.items()] + [line("all", result["models"])])
