@@ -330,9 +330,10 @@ RUNS = [
     Run(["tests/bench/event_rate.sh"], [("--objects", "cube"), ("--seeds", "31")], {"event-rate": event_rates}, read=str),
     Run(["tests/bench/flicker.py"], [("--objects", "book"), ("--seeds", "1")], {"flicker": flicker}),
     # All tessellations of a shape are tracked on the same recordings.
-    ModelsRun(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"], [("--seeds", "1"), ("--duration", "0.2")],
-        {"models": models.models}, setup=GENERATE_MODELS),
-    FirstPosesRun(FIRST_POSES + ["--scene", "standard"], QUICK_FIRST_POSES, {"first-pose-models": models.first_poses}, setup=GENERATE_MODELS),
+    ModelsRun(BENCH + ["models", "--models", "build/bench-models", "--seeds", "3", "--recordings", "build/bench-models/recordings"],
+              [("--seeds", "1"), ("--duration", "0.2")], {"models": models.models}, setup=GENERATE_MODELS),
+    FirstPosesRun(FIRST_POSES + ["--scene", "standard"], QUICK_FIRST_POSES, {"first-pose-models": models.first_poses},
+                  setup=GENERATE_MODELS),
     FirstPosesRun(FIRST_POSES + ["--scene", "occluder"], QUICK_FIRST_POSES, {"first-pose-occluder": models.first_poses},
                   setup=GENERATE_MODELS),
     FirstPosesRun(FIRST_POSES + ["--scene", "moving-background"], QUICK_FIRST_POSES, {"first-pose-moving-background": models.first_poses},
@@ -401,7 +402,8 @@ def measure(run, sections, is_quick):
     result = run.output(arguments)
     kind = "A quick run, for the order of magnitude only: measured" if is_quick else "Measured"
     command = " ".join("DIR" if argument == REAL else argument for argument in arguments)
-    source = textwrap.fill(f"{kind} with `{command}`, {version}, on {machine()}, at a load of {load:.1f} before it.", COLUMNS, break_long_words=False, break_on_hyphens=False)
+    source = textwrap.fill(f"{kind} with `{command}`, {version}, on {machine()}, at a load of {load:.1f} before it.", COLUMNS,
+                           break_long_words=False, break_on_hyphens=False)
     return {name: f"{source}\n\n{run.sections[name](result)}\n" for name in sections}
 
 
