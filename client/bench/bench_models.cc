@@ -201,20 +201,25 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
   app.add_option("--recordings", arguments->options.recordings,
                  "Directory where the simulated recordings are kept and used again")
       ->type_name("DIR");
-  app.add_flag("--first-pose", arguments->is_first_pose, "Find the first pose without a prior, instead");
+  CLI::Option* const first_pose =
+      app.add_flag("--first-pose", arguments->is_first_pose, "Find the first pose without a prior, instead");
   AddOption(app, "--starts", arguments->first_pose.num_starts, "Number of starts in each recording of --first-pose",
-            CLI::Range(1, 10'000));
+            CLI::Range(1, 10'000))
+      ->needs(first_pose);
   app.add_option("--watch", arguments->watch_s, "Length of the events after a start of --first-pose")
       ->type_name("SECONDS")
       ->check(CLI::Range(0.01, 1800.0))
-      ->default_str("0.4");
+      ->default_str("0.4")
+      ->needs(first_pose);
   CLI::Option* const shown =
       app.add_option(
              "--shown", arguments->shown,
              "Search for the objects of --first-pose in the recordings of this model, where they are absent and "
              "every pose is wrong")
-          ->type_name("NAME");
+          ->type_name("NAME")
+          ->needs(first_pose);
   app.add_flag("--explain", arguments->first_pose.explains, "Print why the starts of --first-pose find no right pose")
+      ->needs(first_pose)
       ->excludes(shown);
   AddOutputFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete")
       ->group(kOutputGroup);

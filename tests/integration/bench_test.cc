@@ -220,6 +220,22 @@ TEST_F(CliTest, BenchModelsReportsAWatchThatIsLongerThanTheRecordings) {
   EXPECT_THAT(result.err, HasSubstr("--watch 0.4 is longer than the recordings, which have --duration 0.1 s"));
 }
 
+TEST_F(CliTest, BenchModelsReportsUnusedAndUnknownNames) {
+  SimulateCube(0.001);
+  const auto fails = [this](const std::vector<std::string>& options) {
+    std::vector<std::string> arguments = {"bench", "models", "--models", Path("cube"), "--duration", "0.1"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 2) << result.err;
+    return result.err;
+  };
+  EXPECT_THAT(fails({"--shown", "model.obj"}), HasSubstr("--first-pose"));
+  EXPECT_THAT(fails({"--first-pose", "--shown", "ball"}),
+              HasSubstr("--shown: no model is called \"ball\"; there are model.obj"));
+  EXPECT_THAT(fails({"--names", "ball"}), HasSubstr("--names: no model is called \"ball\"; there are model.obj"));
+  EXPECT_THAT(fails({"--scene", "night"}), HasSubstr("--scene"));
+}
+
 std::vector<std::string> SpeedArguments(const std::vector<std::string>& more) {
   std::vector<std::string> arguments = {"bench", "speed", "--duration", "0.02", "--repetitions", "1"};
   arguments.insert(arguments.end(), more.begin(), more.end());
