@@ -23,9 +23,9 @@ struct FirstPoseFigures {
   double time_ms = 0.0;     // median sensor time from the motion to the first right pose
   double compute_ms = 0.0;  // median processor time until it
   double longest_wrong_ms = 0.0;
-  int best_right = 0;      // searches whose best pose is right
-  int any_right = 0;       // searches with a right pose among theirs
-  int with_motion = 0;     // searches with enough motion
+  int best_right = 0;      // number of searches whose best pose is right
+  int any_right = 0;       // number of searches that return a right pose
+  int with_motion = 0;     // number of searches before which the object moved enough
   double search_ms = 0.0;  // median processor time
   double worst_search_ms = 0.0;
 };

@@ -23,7 +23,7 @@ class PeriodIndex {
  public:
   // Appends to `rows` the entries that the next event completes, until `rows` has `max_rows` entries: an event after a
   // long gap completes millions. Returns false if some are left; then empty `rows` and call it again with the same
-  // event. An event whose time is earlier than that of the event before completes none.
+  // event. Times may decrease: an event that is earlier than the previous event completes no entry.
   bool Add(int64_t t_us, size_t max_rows, std::vector<IndexRow>& rows);
   // Adds the last entry, if there were events.
   void Finish(std::vector<IndexRow>& rows) const;

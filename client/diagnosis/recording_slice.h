@@ -25,7 +25,8 @@ struct SliceOptions {
 };
 
 struct RecordingSlice {
-  std::string file;      // with a header, whose time_offset_us is to be added to the decoded times
+  // A RAW or DAT file. Sensor time = decoded time + `time_offset_us`, a field of the header of the file.
+  std::string file;
   int64_t begin_us = 0;  // sensor times of the recording, to a millisecond
   int64_t end_us = 0;
   uint64_t data_bytes = 0;  // after the header

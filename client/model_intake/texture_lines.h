@@ -12,8 +12,8 @@
 namespace evpose::client {
 
 struct TextureLineOptions {
-  // Largest number of lines of a model. A carton with labels has some hundred; a photograph has more, of which the
-  // strongest are kept.
+  // Largest number of painted lines of a model. The images of a carton with labels have some hundred lines. Those of a
+  // photograph can have more than this number; then the strongest lines are kept.
   size_t max_lines = 2000;
   // Edges that are shorter on the object, relative to the diagonal of its bounding box: 3 px at a size of 300 px.
   double min_length_ratio = 0.01;

@@ -117,7 +117,8 @@ TEST_F(VisibleEdgesTest, OfLinesBesideEachOtherOnlyOneIsExpected) {
   }
 }
 
-// A cube whose only lines are `count` straight ones of different lengths, which radiate from the middle of one face.
+// Returns a cube without its edges. It has `count` straight lines of different lengths, which radiate from the middle
+// of one face.
 ObjectModel ManyLines(int count) {
   ObjectModel model = *MakeCube(0.1);
   model.lines.clear();
@@ -196,7 +197,7 @@ TEST(VisibleEdges, ContoursOfFacetsStayOnTheOutline) {
 
 class RoundEdgesTest : public ::testing::Test {
  protected:
-  // A pose with a rotation vector whose x component is larger by this angle than that of PoseAt(0.0).
+  // Returns the pose whose rotation vector is (1 + angle_rad, 0.2, 0).
   static RigidTransform PoseAt(double angle_rad) { return MakePose({0.0, 0.0, 0.5}, {1.0 + angle_rad, 0.2, 0.0}); }
   static bool HasElement(absl::Span<const TrackedLine> lines) {
     return std::any_of(lines.begin(), lines.end(), [](const TrackedLine& line) { return line.is_element; });

@@ -14,8 +14,8 @@ constexpr double kSpreadPx = 0.8;
 constexpr double kStripPx = (1.0 - LineCounts::kLateralRatio) * kGatePx;
 constexpr ByPolarity kAllKept = {1.0, 1.0};
 
-// The remaining ON events of an edge beside a flickering surface, whose OFF events remove as many ON events, by
-// numerical integration across the edge.
+// An edge beside a flickering surface. Each OFF event of the surface suppresses one ON event of the edge. The number
+// and the mean position of the remaining ON events are integrated numerically across the edge.
 struct Scene {
   double edge_events = 0.0;    // ON events of the edge
   ByPolarity off_per_px = {};  // OFF events per px at negative and at positive distances

@@ -54,9 +54,10 @@ inline double EndWeight(double inside_px, const FitWeights& weights) {
   return share * share * weights.along;
 }
 
-// Compares a segment with the part of a model line whose ends project to `a` and `b` (undistorted pixels): the
-// distances of both ends of the segment from the line, and their positions along it. Returns false, and leaves `fit`
-// undefined, if the cost reaches `cap`, if the two do not overlap, or if the angle between them exceeds 45 degrees.
+// Compares a segment of the image with a part of a model line. `a` and `b` are the projections of the two ends of this
+// part, in undistorted pixels. The cost depends on the distances of both ends of the segment from the line through `a`
+// and `b`, and on their positions along it. Returns false, and leaves `fit` undefined, if the cost reaches `cap`, if
+// the segment and the part do not overlap, or if the angle between them exceeds 45 degrees.
 inline bool FitSegment(const SearchSegment& segment, const Eigen::Vector2d& a, const Eigen::Vector2d& b,
                        const FitWeights& weights, double cap, SegmentFit& fit) {
   const Eigen::Vector2d to_a = a - segment.middle_px, to_b = b - segment.middle_px;

@@ -17,9 +17,9 @@ using Eigen::Vector3d;
 // Length of the pieces, pixels, into which edges are divided, because distortion bends them. Over one piece the
 // deviation from a straight line is far below 0.01 px for usual lenses (plumb-bob model).
 constexpr double kPiecePx = 12.0;
-// A texture that moves: its amplitude along x, as a share of the image's width, and those of its amplitude and its
-// frequency along y to those along x. The ratio of the frequencies is not a simple one, so that edges of all directions
-// move.
+// The oscillation of a texture that moves. kTextureSwing: amplitude along x, as a share of the image's width. The
+// others are the ratios of the amplitude and of the frequency along y to those along x. With a frequency ratio that is
+// no simple fraction, the direction of the motion changes all the time, so that edges of all directions emit events.
 constexpr double kTextureSwing = 0.1;
 constexpr double kTextureSwingYToX = 0.6;
 constexpr double kTextureCyclesYToX = 0.73;

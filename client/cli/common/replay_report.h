@@ -53,8 +53,8 @@ struct ReplayReport {
   Json ToJson() const;
   // Whether poses were found, but no file has one, because all are AMBIGUOUS.
   bool HasOnlyFilesWithoutPose() const;
-  // IDs of the objects of which no pose was found. Empty if this process has not received all poses, because an earlier
-  // process may have received those of the object.
+  // Returns the IDs of the objects for which no pose was found. Returns none if this process has not received all poses
+  // of the session: an earlier process may have received poses of these objects.
   std::vector<std::string> ObjectsWithoutPose() const;
   // Whether there is a file that an earlier run has written, and this run has not.
   bool KeepsOlderFiles() const;

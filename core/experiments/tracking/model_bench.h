@@ -28,9 +28,9 @@ struct BenchModel {
 
 // What is in the recordings besides the object.
 enum class ModelBenchScene {
-  kStandard,          // a background that is plain for odd seeds and textured for even ones, at rest
-  kOccluder,          // and a bar that moves with the object and hides 35 % of its diameter
-  kMovingBackground,  // a textured background that moves, as the surroundings of a camera that is turned to and fro
+  kStandard,          // a background at rest; it is plain for odd seeds and textured for even ones
+  kOccluder,          // the same background, and a bar that moves with the object and hides 35 % of its diameter
+  kMovingBackground,  // a textured background that moves in the image, as it does if the camera is turned to and fro
 };
 
 // "standard", "occluder", "moving-background".

@@ -41,9 +41,10 @@ class TurnedFaceDetector {
   // `edges` must outlive the detector. `inclined_rad`: the inclination at which the mirrored state is due.
   TurnedFaceDetector(const ModelEdges& edges, double inclined_rad);
 
-  // To be called with each tracked state; after a loss, Reset() must be called before. Returns the index in
-  // ModelEdges::face_planes() of the plane whose mirrored state must be tested now. If several planes are due at once,
-  // it is the widest one: the mirrored states of the others differ too little from its own.
+  // To be called with each tracked state; after a loss, Reset() must be called before. Returns an index in
+  // ModelEdges::face_planes() if a rival must be tested now: the present state, mirrored at this plane. If several
+  // planes are due at once, the index is that of the widest one, because the mirrored states of the other planes differ
+  // too little from the mirrored state of this plane.
   std::optional<size_t> Update(const RigidTransform& camera_from_object, double focal_px);
   void Reset();
 
