@@ -33,7 +33,7 @@ struct ModelsArguments {
   double metres_per_unit = 1.0;
   std::string scene{ModelBenchSceneName(ModelBenchScene::kStandard)};
   bool is_first_pose = false;
-  FirstPoseBenchOptions first_pose;  // num_starts and explains alone
+  FirstPoseBenchOptions first_pose;  // only num_starts and explains are used
   std::string shown;                 // name of the model in the recordings of --first-pose; empty: those of `names`
   std::optional<double> watch_s;
   std::string out;
@@ -194,7 +194,8 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
       ->type_name("SECONDS");
   AddOption(app, "--camera", arguments->options.camera, "Sensor and lens", CLI::IsMember(SimulatedCameraNames()));
   AddOption(app, "--scene", arguments->scene,
-            "Background at rest; the same and a bar that hides 35 % of the object; or a background that moves",
+            "standard: a background at rest; occluder: also a bar that hides 35 % of the object; moving-background: a "
+            "background that moves in the image",
             CLI::IsMember(ModelBenchSceneNames()));
   AddOption(app, "--noise", arguments->options.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9))
       ->type_name("RATIO");

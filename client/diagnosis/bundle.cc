@@ -177,7 +177,7 @@ absl::Status CheckSize(const std::string& path, const Files& files) {
   for (const auto& [name, contents] : files) bytes += kHeaderBytes + contents.size();
   if (bytes <= kMaxBundleBytes) return absl::OkStatus();
   return absl::InvalidArgumentError(
-      absl::StrFormat("%s: the bundle would have %d MB, and at most %d MB can be read again: give a shorter "
+      absl::StrFormat("%s: the bundle would have %d MiB, and at most %d MiB can be read again: give a shorter "
                       "--duration, or a simpler model",
                       path, bytes >> 20, kMaxBundleBytes >> 20));
 }

@@ -73,6 +73,11 @@ struct LightOptions {
   absl::Status Validate() const;
 };
 
+// Amplitude, as a share of the image's width, of a bar that follows the object (OccluderOptions::follows_object): a
+// third of the width of the standard objects, and a quarter of the diameter of a model at the distance of its preset.
+// The bar then stays in front of the object. An assumption, not tuned.
+inline constexpr double kFollowingSwingRatio = 0.06;
+
 // By default there is none. The other defaults are assumptions; the scenarios with occlusion of `evpose bench tracking`
 // run with them.
 struct OccluderOptions {

@@ -123,8 +123,7 @@ absl::StatusOr<SimulationOptions> MakeOptions(const CliContext& context, const S
   options.scene.occluder = arguments.scene.occluder;
   if (options.scene.occluder.follows_object) {
     options.scene.occluder.is_present = true;
-    // Amplitude of the motion: a third of the width of the standard objects.
-    options.scene.occluder.swing_ratio = 0.06;
+    options.scene.occluder.swing_ratio = kFollowingSwingRatio;
   }
   for (const auto& [name, profile] : kMotions) {
     if (arguments.motion == name) options.scene.motion.profile = profile;

@@ -149,16 +149,6 @@ absl::Status RunRecording(const FirstPoseBenchOptions& options, const FirstPoseR
   return absl::OkStatus();
 }
 
-// Returns the surface in the recordings. Errors: those of LoadBenchModel().
-absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadShownModel(const FirstPoseBenchOptions& options,
-                                                                  const BenchModel& bench_model,
-                                                                  const std::shared_ptr<const ObjectModel>& tracked) {
-  if (!options.shown) return LoadRenderedModel(options.bench, bench_model, tracked);
-  const BenchModel& shown = *options.shown;
-  if (!shown.reference_path.empty()) return LoadBenchModel(options.bench, shown.reference_path, 1.0);
-  return LoadBenchModel(options.bench, shown.path, shown.metres_per_unit);
-}
-
 absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& options, const BenchModel& bench_model,
                                                  const ModelBenchProgress& on_progress) {
   FirstPoseBenchRow row;
@@ -168,8 +158,9 @@ absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& op
     row.error = std::string(tracked.status().message());
     return row;
   }
+  const BenchModel& shown = options.shown ? *options.shown : bench_model;
   EVPOSE_ASSIGN_OR_RETURN(const std::shared_ptr<const ObjectModel> rendered,
-                          LoadShownModel(options, bench_model, *tracked));
+                          LoadRenderedModel(options.bench, shown, options.shown ? nullptr : *tracked));
   std::shared_ptr<const SearchModel> search_model;
   if (IsSearchable(**tracked)) {
     EVPOSE_ASSIGN_OR_RETURN(search_model, MakeSearchModel(*tracked));
@@ -182,8 +173,8 @@ absl::StatusOr<FirstPoseBenchRow> RunModelStarts(const FirstPoseBenchOptions& op
     const auto on_run = [&](double ratio) {
       return !on_progress || on_progress((i + ratio) / options.bench.num_seeds, text);
     };
-    EVPOSE_ASSIGN_OR_RETURN(ModelRunInputs inputs, MakeModelRun(options.bench, options.shown.value_or(bench_model),
-                                                                *tracked, rendered, static_cast<uint64_t>(i) + 1));
+    EVPOSE_ASSIGN_OR_RETURN(ModelRunInputs inputs,
+                            MakeModelRun(options.bench, shown, *tracked, rendered, static_cast<uint64_t>(i) + 1));
     EVPOSE_ASSIGN_OR_RETURN(FirstPoseRun run, LoadFirstPoseRun(std::move(inputs), on_run));
     run.search_model = search_model;
     run.template_model = template_model;

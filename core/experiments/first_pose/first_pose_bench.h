@@ -24,8 +24,8 @@ struct FirstPoseBenchOptions {
   // Microseconds of events that a tracker receives after a start; [10'000, duration of the recording].
   int64_t watch_us = 400'000;
   bool explains = false;  // whether FirstPoseStart::explanation is set; not with `shown`
-  // The model in the recordings; nullopt: each one that is searched for. Otherwise these are absent, and every pose is
-  // wrong.
+  // The model that the recordings show instead of the one that is searched for, which is then absent, so that every
+  // pose is wrong. nullopt: the recordings show the model that is searched for.
   std::optional<BenchModel> shown;
 
   // INVALID_ARGUMENT names the field.

@@ -26,8 +26,8 @@ struct ModelRunInputs {
 // Errors: those of `options.load_model`.
 absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadBenchModel(const ModelBenchOptions& options,
                                                                   const std::string& path, double metres_per_unit);
-// Returns the reference of `bench_model`, which is rendered; `tracked` if it has none. Errors: those of
-// `options.load_model`.
+// Returns the reference of `bench_model`, which is rendered. Without a reference, it is the model itself: `tracked`,
+// which is loaded if it is null. Errors: those of `options.load_model`.
 absl::StatusOr<std::shared_ptr<const ObjectModel>> LoadRenderedModel(const ModelBenchOptions& options,
                                                                      const BenchModel& bench_model,
                                                                      std::shared_ptr<const ObjectModel> tracked);
