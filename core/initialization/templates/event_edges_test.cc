@@ -10,6 +10,7 @@
 
 #include "core/initialization/templates/edge_blobs.h"
 #include "core/initialization/templates/edge_distance_map.h"
+#include "core/initialization/templates/long_lines.h"
 #include "core/numerics/random.h"
 
 namespace evpose {
@@ -108,6 +109,54 @@ TEST(EdgeBlobs, AreTheConnectedGroupsAndAllTogether) {
   EXPECT_NEAR(boxes[2].low_px.x(), 20.0, 3.0);
   EXPECT_NEAR(boxes[2].high_px.x(), 250.0, 3.0);
   EXPECT_TRUE(FindEdgeBlobs({}, kEdgeSensor, 3).empty());
+}
+
+// Both sides of a bar of 40 px, tilted, from the upper to the lower border of the image.
+void AddBar(std::vector<EventEdgePoint>& points) {
+  const Vector2d normal = Vector2d(1.0, -0.15).normalized();
+  for (int v = 0; v < kEdgeSensor.height_px; ++v) {
+    for (const double u : {140.0, 180.0}) points.push_back(PointAt(u + 0.15 * v, v, normal));
+  }
+}
+
+// The outline of a rectangle.
+void AddRectangle(const Vector2d& low, const Vector2d& high, std::vector<EventEdgePoint>& points) {
+  for (double u = low.x(); u <= high.x(); ++u) {
+    for (const double v : {low.y(), high.y()}) points.push_back(PointAt(u, v, {0.0, 1.0}));
+  }
+  for (double v = low.y(); v <= high.y(); ++v) {
+    for (const double u : {low.x(), high.x()}) points.push_back(PointAt(u, v, {1.0, 0.0}));
+  }
+}
+
+TEST(LongLines, AreTheSidesOfABarBeforeAnObject) {
+  std::vector<EventEdgePoint> points;
+  AddRectangle({110.0, 90.0}, {240.0, 150.0}, points);
+  const std::vector<EventEdgePoint> object = points;
+  AddBar(points);
+  const std::vector<EventEdgePoint> rest = WithoutLongLines(points, kEdgeSensor);
+  // A band of 10 px about each side of the bar crosses two edges of the object.
+  EXPECT_GE(rest.size(), object.size() - 60);
+  EXPECT_LE(rest.size(), object.size());
+  const std::vector<ImageBox> boxes = FindEdgeBlobs(rest, kEdgeSensor, 2);
+  ASSERT_EQ(boxes.size(), 2u);
+  EXPECT_NEAR((boxes[1].low_px - Vector2d(110.0, 90.0)).norm(), 0.0, 3.0);
+  EXPECT_NEAR((boxes[1].high_px - Vector2d(240.0, 150.0)).norm(), 0.0, 3.0);
+}
+
+TEST(LongLines, AreNotTheEdgesOfAnObject) {
+  std::vector<EventEdgePoint> points;
+  EXPECT_TRUE(WithoutLongLines(points, kEdgeSensor).empty());
+  AddRectangle({30.0, 90.0}, {280.0, 110.0}, points);
+  EXPECT_TRUE(WithoutLongLines(points, kEdgeSensor).empty());
+  AddRectangle({100.0, 40.0}, {140.0, 200.0}, points);
+  EXPECT_TRUE(WithoutLongLines(points, kEdgeSensor).empty());
+}
+
+TEST(LongLines, NothingIsReturnedForALineAlone) {
+  std::vector<EventEdgePoint> points;
+  AddBar(points);
+  EXPECT_TRUE(WithoutLongLines(points, kEdgeSensor).empty());
 }
 
 TEST(EdgeDistanceMap, HasDistancesByDirection) {

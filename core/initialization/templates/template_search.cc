@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <utility>
 
@@ -10,6 +11,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/yield_point.h"
 #include "core/initialization/templates/edge_blobs.h"
+#include "core/initialization/templates/long_lines.h"
 #include "core/models/continuous_symmetry.h"
 
 namespace evpose {
@@ -30,8 +32,10 @@ absl::Status TemplateSearchOptions::Validate() const {
   EVPOSE_RETURN_IF_ERROR(edges.Validate());
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.min_motion_px", min_motion_px, 0.1, 100.0));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_boxes", max_boxes, 1, 100));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_boxes_off_lines", max_boxes_off_lines, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_placements", max_placements, 1, 10'000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_coarse", max_coarse, 1, 1000));
+  EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_coarse_off_lines", max_coarse_off_lines, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_fine", max_fine, 1, 1000));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_rotated_candidates", max_rotated_candidates, 1, 100));
   EVPOSE_RETURN_IF_ERROR(CheckRange("TemplateSearchOptions.max_rotations", max_rotations, 1, 1000));
@@ -47,7 +51,20 @@ TemplateSearch::TemplateSearch(std::shared_ptr<const TemplateModel> model, const
       camera_(camera),
       options_(options),
       scanner_(*model_),
-      detector_(options.edges, {camera.width_px, camera.height_px}) {}
+      detector_(options.edges, sensor()) {}
+
+std::vector<TemplateSearch::Candidate> TemplateSearch::FindInBoxes(absl::Span<const EventEdgePoint> points,
+                                                                   int max_boxes, int max_candidates,
+                                                                   Maps& maps) const {
+  std::vector<Candidate> candidates;
+  for (const ImageBox& box : FindEdgeBlobs(points, sensor(), max_boxes)) {
+    YieldPoint();
+    maps.push_back(std::make_unique<EdgeDistanceMap>(points, box));
+    AppendCandidates(*maps.back(), maps.size() - 1, candidates);
+  }
+  KeepDistinct(static_cast<size_t>(max_candidates), candidates);
+  return candidates;
+}
 
 void TemplateSearch::AppendCandidates(const EdgeDistanceMap& map, size_t box,
                                       std::vector<Candidate>& candidates) const {
@@ -160,13 +177,11 @@ TemplateMatches TemplateSearch::Find(absl::Span<const PixelEvent> events, absl::
   if (!found.has_moved) return found;
   const double duration_s = 1e-6 * static_cast<double>(edges.t_end_us - edges.t_begin_us);
   Maps maps;
-  std::vector<Candidate> candidates;
-  for (const ImageBox& box : FindEdgeBlobs(edges.points, {camera_.width_px, camera_.height_px}, options_.max_boxes)) {
-    YieldPoint();
-    maps.push_back(std::make_unique<EdgeDistanceMap>(edges.points, box));
-    AppendCandidates(*maps.back(), maps.size() - 1, candidates);
-  }
-  KeepDistinct(static_cast<size_t>(options_.max_coarse), candidates);
+  std::vector<Candidate> candidates = FindInBoxes(edges.points, options_.max_boxes, options_.max_coarse, maps);
+  // The coarse score counts no edge that is not explained: it prefers a template on the sides of a bar to the object.
+  std::vector<Candidate> off_lines = FindInBoxes(WithoutLongLines(edges.points, sensor()), options_.max_boxes_off_lines,
+                                                 options_.max_coarse_off_lines, maps);
+  std::move(off_lines.begin(), off_lines.end(), std::back_inserter(candidates));
   AppendProposals(proposals, found.t_us, maps.size(), candidates);
   for (Candidate& candidate : candidates) Refine(*maps[candidate.box], kFewSamples, 6.0, duration_s, candidate);
   KeepDistinct(static_cast<size_t>(options_.max_fine), candidates);

@@ -37,6 +37,10 @@ struct TemplateSearchOptions {
   int max_placements = 64;
   int max_coarse = 24;
   int max_fine = 12;
+  // The same for the edges off lines that are longer than everything else, if there are such lines. Boxes: the largest
+  // visible part of an object behind a bar, and all of them together.
+  int max_boxes_off_lines = 2;
+  int max_coarse_off_lines = 12;
   // Numbers for a nearly round object: candidates that are rotated about its axis in steps of 2 pi / kTemplateTurns,
   // and poses that are kept of all their rotations. Each of them takes as long as another candidate; with fewer the
   // right rotation may be left out (README, section 4).
@@ -97,6 +101,10 @@ class TemplateSearch {
   };
   using Maps = std::vector<std::unique_ptr<EdgeDistanceMap>>;
 
+  SensorGeometry sensor() const { return {camera_.width_px, camera_.height_px}; }
+  // Searches the boxes about groups of edges, whose maps it appends; returns the best candidates.
+  std::vector<Candidate> FindInBoxes(absl::Span<const EventEdgePoint> points, int max_boxes, int max_candidates,
+                                     Maps& maps) const;
   // Appends the poses of the placements in a box, aligned with the edges of their templates.
   void AppendCandidates(const EdgeDistanceMap& map, size_t box, std::vector<Candidate>& candidates) const;
   // Appends the proposals, moved to t_us, as candidates of all boxes.

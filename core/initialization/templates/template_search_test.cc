@@ -133,6 +133,30 @@ TEST(TemplateSearchTest, FindsAnObjectOfWhichAThirdIsHidden) {
   EXPECT_GE(RankOf(found, *model, motion(1e-6 * static_cast<double>(found.t_us))), 0) << found.matches.size();
 }
 
+TEST(TemplateSearchTest, FindsAnObjectBehindABar) {
+  // A bar that is higher than the image and moves with the object: its sides are connected with the object's edges.
+  constexpr double kHalfWidthPx = 30.0;
+  const auto model = ModelOfShape(SearchShape::kPlate);
+  TemplateSearch search(std::make_shared<const TemplateModel>(model), kSearchCamera);
+  const Motion motion = ConstantTwist(kTruth, SearchTwist());
+  const auto bar_px = [&](double t_s) { return kSearchCamera.Project(motion(t_s).translation_m).x() + 20.0; };
+  IdealEventOptions options;
+  options.duration_us = 30'000;
+  options.is_hidden = [&](const Eigen::Vector2d& pixel, double t_s) {
+    return std::abs(pixel.x() - bar_px(t_s)) < kHalfWidthPx;
+  };
+  std::vector<PixelEvent> events = IdealPixelEvents(*model, motion, options);
+  for (int64_t t_us = 0; t_us < options.duration_us; t_us += 2500) {
+    for (const double side : {-kHalfWidthPx, kHalfWidthPx}) {
+      const auto u = static_cast<float>(std::round(bar_px(1e-6 * static_cast<double>(t_us)) + side));
+      for (int v = 0; v < kSearchCamera.height_px; ++v) events.push_back({t_us, u, static_cast<float>(v), 1});
+    }
+  }
+  std::stable_sort(events.begin(), events.end(), [](const auto& a, const auto& b) { return a.t_us < b.t_us; });
+  const TemplateMatches found = search.Find(events);
+  EXPECT_GE(RankOf(found, *model, motion(1e-6 * static_cast<double>(found.t_us))), 0) << found.matches.size();
+}
+
 TEST(TemplateSearchTest, FindsTheTurnOfANearlyRoundObject) {
   // One painted line along the side of a cylinder tells the turn about its axis.
   ObjectModel model = CylinderModel(0.07, 0.04, 64);
