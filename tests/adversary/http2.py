@@ -2,7 +2,7 @@
 """Frames of HTTP/2 (RFC 9113) that a client of gRPC does not send."""
 
 DATA, HEADERS, RST_STREAM, SETTINGS, PING, WINDOW_UPDATE, CONTINUATION = 0, 1, 3, 4, 6, 8, 9
-END_STREAM, END_HEADERS = 1, 4
+END_STREAM, END_HEADERS, ACK = 1, 4, 1
 PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"  # of a client, section 3.4
 CANCEL = (8).to_bytes(4, "big")  # the payload of RST_STREAM
 _PATH = b"/evpose.v1.AdminService/GetServerInfo"
@@ -51,11 +51,15 @@ def window(size_bytes):
 
 
 def frames(connection):
-    """Yields the kind, the flags and the stream of each frame that the server sends, until it closes the connection."""
+    """Yields the kind, the flags and the stream of each frame that the server sends, until it closes the connection. Pings are answered:
+    without an answer the server closes the connection after 40 s, which is less than some tests take beside other work."""
     with connection.makefile("rb") as received:
         while len(head := received.read(9)) == 9:
-            received.read(int.from_bytes(head[:3], "big"))
-            yield head[3], head[4], int.from_bytes(head[5:], "big")
+            payload = received.read(int.from_bytes(head[:3], "big"))
+            kind, flags = head[3], head[4]
+            if kind == PING and not flags & ACK:
+                connection.sendall(frame(PING, ACK, 0, payload))
+            yield kind, flags, int.from_bytes(head[5:], "big")
 
 
 def open_connection(running, start=b""):
