@@ -5,6 +5,7 @@
 // are compared with the references as by `evpose bench real` (core/experiments/README.md, section 4).
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <memory>
 #include <optional>
 #include <string>
@@ -31,6 +32,13 @@ struct Scene {
   CameraModel camera;
   std::shared_ptr<const ObjectModel> model;
 };
+
+// GoogleTest allows letters, digits and underscores.
+std::string TestName(std::string name) {
+  std::replace_if(
+      name.begin(), name.end(), [](char c) { return c == '/' || c == '.'; }, '_');
+  return name;
+}
 
 std::string PathOf(const std::string& name) { return FindTestData("real/" + name); }
 
@@ -94,7 +102,8 @@ INSTANTIATE_TEST_SUITE_P(RealRecordings, GivenPoseTest,
                          ::testing::Values(GivenPoseCase{"cube_turntable", 1.5, 0.9, 0},
                                            GivenPoseCase{"phone_shake", 0.6, 0.95, 0},
                                            GivenPoseCase{"shapes_rotation", 0.4, 0.95, 0},
-                                           GivenPoseCase{"shapes_rotation_fast", 0.3, 0.9, 0}));
+                                           GivenPoseCase{"shapes_rotation_fast", 0.3, 0.9, 0}),
+                         [](const auto& info) { return TestName(info.param.folder); });
 
 struct FoundCase {
   const char* folder;
@@ -114,7 +123,8 @@ TEST_P(FoundTest, IsTrackedWithoutAPrior) {
 // The rest of the time the pose is searched for, or DEGRADED while there are few events.
 INSTANTIATE_TEST_SUITE_P(RealRecordings, FoundTest,
                          ::testing::Values(FoundCase{"phone_shake", 0.5}, FoundCase{"shapes_rotation", 0.8},
-                                           FoundCase{"shapes_rotation_fast", 0.8}));
+                                           FoundCase{"shapes_rotation_fast", 0.8}),
+                         [](const auto& info) { return TestName(info.param.folder); });
 
 class FlashingBoardTest : public ::testing::TestWithParam<const char*> {};
 
@@ -159,7 +169,10 @@ INSTANTIATE_TEST_SUITE_P(RealRecordings, AbsentObjectTest,
                                            AbsentCase{"phone_shake/recording.raw", "checkerboard_flash"},
                                            AbsentCase{"cube_turntable/recording.raw", "phone_shake"},
                                            AbsentCase{"checkerboard_flash/09.raw", "phone_shake"},
-                                           AbsentCase{"checkerboard_flash/20.raw", "cube_turntable"}));
+                                           AbsentCase{"checkerboard_flash/20.raw", "cube_turntable"}),
+                         [](const auto& info) {
+                           return TestName(std::string(info.param.folder) + "_in_" + info.param.recording);
+                         });
 
 }  // namespace
 }  // namespace evpose
