@@ -3,12 +3,19 @@
 
 #include <boost/asio/post.hpp>
 #include <ctime>
+#include <exception>
 #include <system_error>
 #include <utility>
 
 #include "core/base/yield_point.h"
 
 namespace evpose::server {
+namespace {
+
+// Thrown by a yield point when the scheduler ends. The sessions were closed before, so that no result is lost.
+struct StepEnded : std::exception {};
+
+}  // namespace
 
 // Measures the processor time of a session's turn. When the time is over, its step is paused if others wait, and
 // otherwise continues with another turn.
@@ -41,7 +48,9 @@ class SessionTurns::Pause : public Yielder {
   void StartNextTurn(CpuMeter::Time now) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     FairScheduler::Lock lock(scheduler_.mutex_);
     scheduler_.Charge(session_, Used());
-    if (scheduler_.queue_.size() == 0 || scheduler_.drops_steps_ || !scheduler_.HasSpareThread()) return Begin();
+    Begin();
+    if (scheduler_.is_ending_) throw StepEnded();
+    if (scheduler_.queue_.size() == 0 || !scheduler_.HasSpareThread()) return;
     scheduler_.queue_.Push(session_);  // first, because it may throw: the step then ends
     session_.paused_ = this;
     session_.state_ = State::kWaiting;
@@ -49,6 +58,7 @@ class SessionTurns::Pause : public Yielder {
     is_resumed_ = false;
     scheduler_.Dispatch(/*caller_is_idle=*/false);
     resumed_.wait(lock, [this] { return is_resumed_; });
+    if (scheduler_.is_ending_) throw StepEnded();
     lock.unlock();
     AddPausedTime(scheduler_.options_.now() - now);
     Begin();
@@ -210,7 +220,10 @@ void FairScheduler::RunStep(SessionTurns& session, Lock& lock) {
   std::function<void()> step = std::exchange(session.step_, nullptr);
   const bool is_dropped = drops_steps_;
   lock.unlock();
-  if (!is_dropped) step();
+  try {
+    if (!is_dropped) step();
+  } catch (const StepEnded&) {
+  }
   step = nullptr;  // without the lock: it may hold the last reference to its session
   lock.lock();
   session.step_ended_at_ = options_.now();

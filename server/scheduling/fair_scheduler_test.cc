@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <latch>
 #include <memory>
 #include <mutex>
 #include <semaphore>
@@ -87,6 +88,7 @@ TEST(FairSchedulerTest, ALongStepHandsItsPlaceOver) {
   std::atomic<bool> has_run = false;
   bool is_same_thread = false;
   std::chrono::nanoseconds paused{0};
+  std::binary_semaphore finished(0);
   expensive->Post(
       [&] {
         const std::thread::id thread = std::this_thread::get_id();
@@ -94,8 +96,10 @@ TEST(FairSchedulerTest, ALongStepHandsItsPlaceOver) {
         while (!has_run) YieldPoint();  // ends only if the other step runs meanwhile
         is_same_thread = thread == std::this_thread::get_id();
         paused = PausedTime();
+        finished.release();
       },
       std::chrono::steady_clock::now());
+  finished.acquire();
   scheduler.Join();
   EXPECT_TRUE(has_run);
   EXPECT_TRUE(is_same_thread);
@@ -105,13 +109,16 @@ TEST(FairSchedulerTest, ALongStepHandsItsPlaceOver) {
 TEST(FairSchedulerTest, AStepAloneIsNotPaused) {
   FairScheduler scheduler(1, {});
   std::chrono::nanoseconds paused{1};
+  std::binary_semaphore finished(0);
   scheduler.AddSession("")->Post(
       [&] {
         const auto begin = FairScheduler::ThreadCpuTime();
         while (FairScheduler::ThreadCpuTime() - begin < 3 * FairScheduler::kTurn) YieldPoint();
         paused = PausedTime();
+        finished.release();
       },
       At(0));
+  finished.acquire();
   scheduler.Join();
   EXPECT_EQ(paused.count(), 0);
 }
@@ -121,6 +128,7 @@ TEST(FairSchedulerTest, ThereIsAtMostOneFurtherThreadForEachPausedStep) {
   std::mutex mutex;
   std::set<std::thread::id> threads;
   std::atomic<int> num_begun = 0;
+  std::latch finished(kSessions);
   std::vector<std::shared_ptr<SessionTurns>> sessions;
   FairScheduler scheduler(kWorkers, {});
   for (int i = 0; i < kSessions; ++i) sessions.push_back(scheduler.AddSession(std::to_string(i % 3)));
@@ -133,12 +141,39 @@ TEST(FairSchedulerTest, ThereIsAtMostOneFurtherThreadForEachPausedStep) {
             threads.insert(std::this_thread::get_id());
           }
           while (num_begun < kSessions) YieldPoint();
+          finished.count_down();
         },
         At(0));
   }
+  finished.wait();
   scheduler.Join();
   EXPECT_EQ(num_begun, kSessions);
   EXPECT_LE(threads.size(), size_t{kWorkers + kSessions});
+}
+
+TEST(FairSchedulerTest, TheEndWaitsForNoLongStep) {
+  // One step runs, and the others are paused or have not begun.
+  FairScheduler scheduler(1, {});
+  std::latch begun(2);
+  std::vector<std::shared_ptr<SessionTurns>> sessions;
+  std::vector<std::weak_ptr<int>> held;
+  std::atomic<int> num_finished = 0;
+  for (int i = 0; i < 4; ++i) {
+    auto object = std::make_shared<int>(i);
+    held.push_back(object);
+    sessions.push_back(scheduler.AddSession(""));
+    const auto step = [&begun, &num_finished, object] {
+      const auto begin = FairScheduler::ThreadCpuTime();
+      if (*object < 2) begun.count_down();
+      while (FairScheduler::ThreadCpuTime() - begin < 200 * FairScheduler::kTurn) YieldPoint();
+      ++num_finished;
+    };
+    sessions.back()->Post(step, At(i));
+  }
+  begun.wait();
+  scheduler.Join();
+  EXPECT_EQ(num_finished, 0);
+  for (const std::weak_ptr<int>& object : held) EXPECT_TRUE(object.expired());
 }
 
 TEST(FairSchedulerTest, ALimitedSessionContinuesWhenItMay) {

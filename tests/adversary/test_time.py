@@ -14,7 +14,7 @@ import grpc
 import server
 from api import EVT3, client, failure_of
 from camera import Camera, assert_same_poses, assert_undisturbed, camera_model, chunks, create, initial_pose, recording
-from hostile_models import CUBE, blob, tangle
+from hostile_models import blob, tangle
 
 PIECE_BYTES = 1 << 18
 
@@ -43,6 +43,25 @@ class Replays:
         for stream, session in zip(self._streams, self._sessions):
             stream.cancel()
             self._api("DeleteSession", name=session.session.name)
+
+
+def most_expensive_model(api):
+    """Returns the name of the largest tangle that the server admits."""
+    for triangles in (50_000, 5000, 500):
+        with contextlib.suppress(grpc.RpcError):
+            return api.upload(tangle(triangles, 4096)).name
+    raise AssertionError("the server admits no tangle")
+
+
+def create_with_most_objects(api, model):
+    """Returns a session with 16 objects of a model, or as many as are admitted."""
+    for num_objects in (16, 4, 1):
+        try:
+            return api.create(model, encoding=EVT3, num_objects=num_objects, camera=camera_model(), pose=initial_pose())
+        except grpc.RpcError as error:
+            if failure_of(error).code != "RESOURCE_EXHAUSTED":
+                raise
+    raise AssertionError("no session was admitted")
 
 
 class FairTimeTest(server.AdversaryTest):
@@ -89,7 +108,7 @@ class FairTimeTest(server.AdversaryTest):
 
     def test_beside_sessions_with_an_expensive_model(self):
         mallory = client(self, self.running, "mallory")
-        self.check("beside two sessions with an expensive model", self.runs_beside_two(mallory, self.most_expensive_model(mallory)))
+        self.check("beside two sessions with an expensive model", self.runs_beside_two(mallory, most_expensive_model(mallory)))
         self.check_turns("an expensive model")
 
     def test_turns_of_a_search_and_of_a_curved_model(self):
@@ -123,23 +142,9 @@ class FairTimeTest(server.AdversaryTest):
         self.assertGreater(num_turns, 0)
         self.assertEqual(num_short, num_turns)
 
-    def most_expensive_model(self, api):
-        """Returns the largest tangle that the server admits, or a cube if it admits none."""
-        for triangles in (50_000, 5000, 500):
-            with contextlib.suppress(grpc.RpcError):
-                return api.upload(tangle(triangles, 4096)).name
-        return api.upload(CUBE).name
-
     def send_until(self, api, model, stop):
         """Sends the recording to a session with 16 objects, or as many as are admitted, until `stop` is set."""
-        for num_objects in (16, 4, 1):
-            try:
-                created = api.create(model, encoding=EVT3, num_objects=num_objects, camera=camera_model(), pose=initial_pose())
-                break
-            except grpc.RpcError as error:
-                self.assertEqual(failure_of(error).code, "RESOURCE_EXHAUSTED")
-        else:
-            raise AssertionError("no session was admitted")
+        created = create_with_most_objects(api, model)
         stream, _ = api.attach(created)
         for seq, (_, payload) in enumerate(chunks() * 5, 1):
             stream.send(events={"seq": seq, "payload": payload})
