@@ -10,6 +10,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <sstream>
 
 #include "client/cli/cli.h"
@@ -161,6 +162,36 @@ TEST_F(ConvertTest, InfoDescribesAFileOfAnotherProgram) {
   ASSERT_EQ(Run({"convert", arrays, Path("b.raw")}).status, 0);
   EXPECT_EQ(Info(Path("b.raw"))["time_offset_us"], 1700000000005000);
   EXPECT_EQ(Info(Path("b.raw"))["sha256"], Info(arrays)["sha256"]);
+}
+
+TEST_F(ConvertTest, AFormatWithoutTriggersIsAnErrorUnlessTheyAreDropped) {
+  SimulateCube(0.05);
+  const std::string recording = Path("cube/recording.raw");
+  // A rising and a falling edge on input 1, after the last event: EXT_TRIGGER of EVT3.
+  std::ofstream(recording, std::ios::binary | std::ios::app) << "\x01\xa1" << '\0' << "\xa1";
+  for (const char* name : {"a.csv", "a.dat"}) {
+    const CliResult refused = Run({"convert", recording, Path(name)});
+    EXPECT_EQ(refused.status, 1);
+    EXPECT_THAT(refused.err, HasSubstr("cannot store external triggers, such as the one at 16."));
+    EXPECT_FALSE(std::filesystem::exists(Path(name)));
+  }
+  const CliResult dropped = Run({"convert", recording, Path("a.csv"), "--drop-triggers", "--json"});
+  ASSERT_EQ(dropped.status, 0) << dropped.err;
+  EXPECT_EQ(dropped.Json()["triggers_left_out"], 2);
+  EXPECT_EQ(Info(Path("a.csv"))["sha256"], Info(recording)["sha256"]);
+  EXPECT_EQ(Run({"convert", recording, Path("a.raw")}).status, 0);
+}
+
+TEST_F(ConvertTest, ASizeThatIsAGuessIsReported) {
+  WriteText("a.txt", "0.5 10 20 1\n0.6 300 21 0\n");
+  const CliResult guessed = Run({"convert", Path("a.txt"), Path("a.raw"), "--json"});
+  ASSERT_EQ(guessed.status, 0) << guessed.err;
+  EXPECT_EQ(guessed.Json()["geometry_is_stated"], false);
+  EXPECT_THAT(guessed.err, HasSubstr("does not state the size of its sensor; 304x240 is a guess"));
+  const CliResult given = Run({"convert", Path("a.txt"), Path("b.raw"), "--size", "320x240", "--json"});
+  ASSERT_EQ(given.status, 0) << given.err;
+  EXPECT_EQ(given.Json()["geometry_is_stated"], true);
+  EXPECT_THAT(given.err, IsEmpty());
 }
 
 // The times of the poses in a TUM file, seconds.

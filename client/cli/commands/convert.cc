@@ -35,12 +35,14 @@ struct ConvertArguments {
   double start_s = 0.0;
   double duration_s = std::numeric_limits<double>::infinity();
   bool drops_outside = false;
+  bool drops_triggers = false;
   bool is_json = false;
 };
 
 struct ConvertedEvents {
   EventFileHeader header;
-  std::string format;  // name of the format of the recording
+  bool has_stated_size = false;  // the recording or --size states the size of the sensor
+  std::string format;            // name of the format of the recording
   DecodeCounts counts;
   std::vector<SkippedParts> skipped;
   uint64_t num_events = 0;    // written
@@ -94,6 +96,7 @@ absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, co
                                            RecordingReader& reader, const TakeEvents& take) {
   ConvertedEvents result;
   result.header = {reader.header().geometry, reader.header().time_offset_us};
+  result.has_stated_size = reader.header().geometry_is_stated || !arguments.size.empty();
   result.format = reader.header().container;
   if (result.format.empty()) result.format = EncodingName(reader.header().encoding);
   const OutsideSensor outside = arguments.drops_outside ? OutsideSensor::kDrop : OutsideSensor::kKeep;
@@ -149,6 +152,15 @@ absl::Status CannotHold(const ConvertArguments& arguments, const EventFileFormat
                                                  "events outside the sensor with --drop-outside"));
 }
 
+absl::Status CheckTriggers(const ConvertArguments& arguments, const EventFileFormat& format,
+                           absl::Span<const evpose::Trigger> triggers) {
+  if (format.has_triggers || arguments.drops_triggers || triggers.empty()) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "%s: %s cannot store external triggers, such as the one at %.6f s. No file was written. Write RAW, or leave out "
+      "the triggers with --drop-triggers",
+      arguments.recording, std::string(format.title), triggers.front().t_us * 1e-6));
+}
+
 // Reads the whole recording and checks that the format can hold it. A pipe, which cannot be read twice, is checked
 // while the file is written; after an error the file does not appear.
 absl::Status CheckAll(const ConvertArguments& arguments, const EventFileFormat& format, const CliContext& context) {
@@ -157,6 +169,7 @@ absl::Status CheckAll(const ConvertArguments& arguments, const EventFileFormat& 
       format.check({reader->header().geometry, reader->header().time_offset_us});
   if (!checker.ok()) return CannotHold(arguments, format, checker.status());
   const auto check = [&](absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) -> absl::Status {
+    EVPOSE_RETURN_IF_ERROR(CheckTriggers(arguments, format, triggers));
     const absl::Status status = (*checker)->Check(events, triggers);
     return status.ok() ? status : CannotHold(arguments, format, status);
   };
@@ -170,6 +183,7 @@ Json ConvertJson(const ConvertArguments& arguments, const EventFileFormat& forma
           {"out_format", std::string(format.title)},
           {"width", converted.header.geometry.width_px},
           {"height", converted.header.geometry.height_px},
+          {"geometry_is_stated", converted.has_stated_size},
           {"cd_events", converted.num_events},
           {"t_first_us", converted.t_first_us},
           {"t_last_us", converted.t_last_us},
@@ -191,8 +205,8 @@ void PrintConverted(const ConvertArguments& arguments, const EventFileFormat& fo
   out << "sha256     " << converted.sha256 << "\n";
 }
 
-// Reports the parts of the recording that are not in the file.
-void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converted, CliContext& context) {
+// Reports the parts of the recording that are not in the file, and the size if it is a guess: the file states it.
+void Warn(const EventFileFormat& format, const ConvertedEvents& converted, CliContext& context) {
   std::vector<SkippedParts> lost = converted.skipped;
   const DecodeCounts& counts = converted.counts;
   if (!format.has_triggers && converted.num_triggers > 0) lost.push_back({"triggers", converted.num_triggers});
@@ -200,6 +214,12 @@ void WarnOfLosses(const EventFileFormat& format, const ConvertedEvents& converte
     lost.push_back({"events without time or outside the sensor", counts.dropped_events()});
   if (counts.invalid_words() > 0) lost.push_back({"invalid words", counts.invalid_words()});
   if (!lost.empty()) context.err << "evpose convert: left out: " << DescribeSkipped(lost) << "\n";
+  if (!converted.has_stated_size) {
+    context.err << absl::StrFormat(
+        "evpose convert: the recording does not state the size of its sensor; %dx%d is a guess, which the new file "
+        "states. Give the size with --size\n",
+        converted.header.geometry.width_px, converted.header.geometry.height_px);
+  }
 }
 
 absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) {
@@ -209,12 +229,13 @@ absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) 
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFileWriter> writer,
                           format->create(arguments.out, {reader->header().geometry, reader->header().time_offset_us}));
-  const auto write = [&writer](absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) {
+  const auto write = [&](absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) -> absl::Status {
+    EVPOSE_RETURN_IF_ERROR(CheckTriggers(arguments, *format, triggers));
     return writer->Write(events, triggers);
   };
   EVPOSE_ASSIGN_OR_RETURN(const ConvertedEvents converted, ReadEvents(arguments, context, *reader, write));
   EVPOSE_RETURN_IF_ERROR(writer->Close());
-  WarnOfLosses(*format, converted, context);
+  Warn(*format, converted, context);
   return PrintResult(context, arguments.is_json, ConvertJson(arguments, *format, converted),
                      [&](std::ostream& out) { PrintConverted(arguments, *format, converted, out); });
 }
@@ -244,11 +265,12 @@ CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
   app.add_option("--to", arguments->to, "Format of the file. Default: by its suffix")->check(CLI::IsMember(names));
   app.add_flag("--drop-outside", arguments->drops_outside,
                "Leave out events outside the sensor, which RAW and DAT cannot store");
+  app.add_flag("--drop-triggers", arguments->drops_triggers,
+               "Leave out external triggers, which DAT and CSV cannot store");
   AddJson(app, arguments->is_json);
   app.footer(
       "The events keep their times, order, addresses and polarities: evpose info prints the same SHA-256 for both "
-      "files. An event that the format cannot store is an error, and nothing is written. DAT and CSV have no triggers, "
-      "which are then left out and counted.\n\n"
+      "files. An event or a trigger that the format cannot store is an error, and nothing is written.\n\n"
       "In recordings with times since 1970, times become relative to the first event, and the header of the new file "
       "has the offset (time_offset_us).\n\n"
       "Example:\n"
