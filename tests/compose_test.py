@@ -56,6 +56,12 @@ def check_versions():
         check(versions and set(versions) == {version}, name, "has the version", versions, "and not", version)
 
 
+def check_published(name, service, document):
+    """Checks that a port of the API is published by the proxy only."""
+    open_ports = [port for port in document.get("ports", []) if re.search(r":(50051|50443)(/|$)", port)]
+    check(not open_ports or service == "haproxy", service, "of", name, "is published without a proxy")
+
+
 def check_images():
     """Checks that the images that are not built here are named in .env only, and that clients reach HAProxy only."""
     deploy = ROOT / "deploy"
@@ -68,8 +74,10 @@ def check_images():
         for service, document in services(name).items():
             named = re.fullmatch(r"\$\{(\w+)\}", document["image"])
             check(named and named[1] in images or document["image"].startswith("evpose-"), service, "of", name, document["image"])
-            open_ports = [port for port in document.get("ports", []) if ":50051" in port]
-            check(not open_ports or service == "haproxy", service, "of", name, "is published without a proxy")
+            check_published(name, service, document)
+    for path in deploy.glob("*.tls.yaml"):
+        for service, document in services(path.name).items():
+            check_published(path.name, service, document)
 
 
 def check_environment():
