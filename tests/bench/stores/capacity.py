@@ -6,8 +6,12 @@ A cell has servers in three zones and one Redis group; it shares nothing with ot
 between given values at random times, and a session of random duration, after which another one follows. New sessions and those of lost
 servers are distributed as by deploy/haproxy/cluster.cfg: of two servers that are drawn by their weights (100 less the load in percent), the
 one with fewer streams relative to its weight gets the session; with --balance uniform, as by a Service of Kubernetes, any server gets it. A
-server refuses the session if it is full or its load has been above --max-load for 5 s, and the client tries again 5 s later. In the middle
-of the run, servers are lost for the rest of it.
+server refuses the session if it is full or its load has been above --max-load for 5 s, and the client tries again 5 s later, when a server
+is drawn anew. In the middle of the run, servers are lost for the rest of it.
+
+Two assumptions differ from a real cell. Behind a Service, clients that keep their connection try again at the same server
+(deploy/README.md, Kubernetes), so that --balance uniform may give more cameras than such clients allow. And a real server with room accepts
+the sessions of lost servers at any load.
 
 A server has a backlog when its sessions need more processor time than its cores have. A session is *delayed* in each second that ends
 with a backlog of its server, and it *waits* in each second in which it has no server. The capacity of a cell is the largest number of
@@ -229,8 +233,8 @@ def parse(arguments=None):
     camera.add_argument("--dwell-s", type=float, default=10, help="mean time between changes of the rate (default: 10)")
     camera.add_argument("--common", type=float, default=0, help="share of the cameras that change together, such as those of one scene (default: 0)")
     camera.add_argument("--session-s", type=float, default=3600, help="mean duration of a session (default: 3600)")
-    camera.add_argument("--costs", type=cost, nargs="+", default=[(1, 0.42), (10, 0.81)], metavar="MEV_S:CORES",
-                        help="cores at rates of events, between which the cost is linear (default: 1:0.42 10:0.81)")
+    camera.add_argument("--costs", type=cost, nargs="+", default=[(1, 0.36), (10, 0.91)], metavar="MEV_S:CORES",
+                        help="cores at rates of events, between which the cost is linear (default: 1:0.36 10:0.91)")
     servers = parser.add_argument_group("servers")
     servers.add_argument("--servers", type=int, nargs="+", default=[3, 6, 12, 24, 48], help="of a cell (default: 3 6 12 24 48)")
     servers.add_argument("--cores", type=int, default=4, help="of a server (default: 4)")
