@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/base/yield_point.h"
+#include "server/scheduling/endable_work.h"
 
 namespace evpose::server {
 namespace {
@@ -45,11 +46,12 @@ class SessionTurns::Pause : public Yielder {
     cpu_begin_ = scheduler_.options_.cpu_now();
     check_at_ = scheduler_.options_.now() + FairScheduler::kTurn;
   }
+  bool MustEnd() const ABSL_NO_THREAD_SAFETY_ANALYSIS { return scheduler_.is_ending_ && ScopedEndableWork::IsActive(); }
   void StartNextTurn(CpuMeter::Time now) ABSL_NO_THREAD_SAFETY_ANALYSIS {
     FairScheduler::Lock lock(scheduler_.mutex_);
     scheduler_.Charge(session_, Used());
     Begin();
-    if (scheduler_.is_ending_) throw StepEnded();
+    if (MustEnd()) throw StepEnded();
     if (scheduler_.queue_.size() == 0 || !scheduler_.HasSpareThread()) return;
     scheduler_.queue_.Push(session_);  // first, because it may throw: the step then ends
     session_.paused_ = this;
@@ -58,7 +60,7 @@ class SessionTurns::Pause : public Yielder {
     is_resumed_ = false;
     scheduler_.Dispatch(/*caller_is_idle=*/false);
     resumed_.wait(lock, [this] { return is_resumed_; });
-    if (scheduler_.is_ending_) throw StepEnded();
+    if (MustEnd()) throw StepEnded();
     lock.unlock();
     AddPausedTime(scheduler_.options_.now() - now);
     Begin();

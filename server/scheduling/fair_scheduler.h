@@ -87,7 +87,7 @@ class FairScheduler {
 
   // `trace_id` is only passed on to Options::on_turn.
   std::shared_ptr<SessionTurns> AddSession(const std::string& tenant, const std::string& trace_id = "");
-  // Returns when all steps have finished, or were ended by an exception at the first yield point after their turn.
+  // Returns when all steps have finished, or were ended in a ScopedEndableWork at the first yield point after a turn.
   // Nothing may be posted afterwards, except by steps. Does nothing with the caller's executor.
   void Join();
 

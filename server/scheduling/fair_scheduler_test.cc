@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "core/base/yield_point.h"
+#include "server/scheduling/endable_work.h"
 
 namespace evpose::server {
 namespace {
@@ -151,7 +152,7 @@ TEST(FairSchedulerTest, ThereIsAtMostOneFurtherThreadForEachPausedStep) {
   EXPECT_LE(threads.size(), size_t{kWorkers + kSessions});
 }
 
-TEST(FairSchedulerTest, TheEndWaitsForNoLongStep) {
+TEST(FairSchedulerTest, TheEndWaitsForNoEndableWork) {
   // One step runs, and the others are paused or have not begun.
   FairScheduler scheduler(1, {});
   std::latch begun(2);
@@ -163,6 +164,7 @@ TEST(FairSchedulerTest, TheEndWaitsForNoLongStep) {
     held.push_back(object);
     sessions.push_back(scheduler.AddSession(""));
     const auto step = [&begun, &num_finished, object] {
+      const ScopedEndableWork scope;
       const auto begin = FairScheduler::ThreadCpuTime();
       if (*object < 2) begun.count_down();
       while (FairScheduler::ThreadCpuTime() - begin < 200 * FairScheduler::kTurn) YieldPoint();
@@ -174,6 +176,25 @@ TEST(FairSchedulerTest, TheEndWaitsForNoLongStep) {
   scheduler.Join();
   EXPECT_EQ(num_finished, 0);
   for (const std::weak_ptr<int>& object : held) EXPECT_TRUE(object.expired());
+}
+
+TEST(FairSchedulerTest, TheEndWaitsForOtherWork) {
+  FairScheduler scheduler(1, {});
+  std::binary_semaphore begun(0);
+  bool has_finished = false;
+  const auto session = scheduler.AddSession("");
+  session->Post(
+      [&] {
+        { const ScopedEndableWork scope; }
+        const auto begin = FairScheduler::ThreadCpuTime();
+        begun.release();
+        while (FairScheduler::ThreadCpuTime() - begin < 20 * FairScheduler::kTurn) YieldPoint();
+        has_finished = true;
+      },
+      At(0));
+  begun.acquire();
+  scheduler.Join();
+  EXPECT_TRUE(has_finished);
 }
 
 TEST(FairSchedulerTest, ALimitedSessionContinuesWhenItMay) {

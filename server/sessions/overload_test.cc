@@ -387,11 +387,14 @@ TEST_F(WorkerFairnessTest, ACameraComesBeforeReplaysAndTheyShareTheRest) {
   constexpr size_t kBegin = 900, kEnd = kBegin + 600;
   const uint64_t camera = AddSession(kBusy);
   uint64_t camera_seq = 0;
+  std::binary_semaphore all_slices(0);
   on_slice_ = [&] {
+    if (slices_.size() == kChunks * kBusy + camera_seq) all_slices.release();
     if (slices_.size() < kBegin || slices_.size() % 7 != 0 || slices_.size() > kEnd || slices_.back() == kBusy) return;
     ASSERT_TRUE(sessions_[kBusy]->PushEvents(camera, {.seq = ++camera_seq, .payload = slice}).ok());
   };
   go.release();
+  all_slices.acquire();
   pool_.Join();
   ASSERT_EQ(slices_.size(), kChunks * kBusy + camera_seq);
   ASSERT_GT(camera_seq, 50u);

@@ -8,6 +8,7 @@
 #include "core/base/byte_order.h"
 #include "core/events/decoder.h"
 #include "server/runtime/out_of_memory.h"
+#include "server/scheduling/endable_work.h"
 #include "server/sessions/session_limits.h"
 
 namespace evpose::server {
@@ -103,7 +104,10 @@ void SessionWorker::DropOrTrack(absl::Span<const uint8_t> slice) {
   if (!must_drop_) {
     gap_ = overload_.EndGap();
     const int64_t from_t_us = pipeline_->now_us();
-    pipeline_->Process(slice, output_);
+    {
+      const ScopedEndableWork scope;  // when the scheduler ends, the session is closed: nothing uses the pipeline again
+      pipeline_->Process(slice, output_);
+    }
     if (HasImageWatchers()) ShowEvents(pipeline_->events(), from_t_us);
     return;
   }
