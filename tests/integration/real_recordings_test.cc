@@ -103,7 +103,7 @@ INSTANTIATE_TEST_SUITE_P(RealRecordings, GivenPoseTest,
                                            GivenPoseCase{"phone_shake", 0.6, 0.95, 0},
                                            GivenPoseCase{"shapes_rotation", 0.4, 0.95, 0},
                                            GivenPoseCase{"shapes_rotation_fast", 0.3, 0.9, 0}),
-                         [](const auto& info) { return TestName(info.param.folder); });
+                         [](const auto& test) { return TestName(test.param.folder); });
 
 struct FoundCase {
   const char* folder;
@@ -124,7 +124,7 @@ TEST_P(FoundTest, IsTrackedWithoutAPrior) {
 INSTANTIATE_TEST_SUITE_P(RealRecordings, FoundTest,
                          ::testing::Values(FoundCase{"phone_shake", 0.5}, FoundCase{"shapes_rotation", 0.8},
                                            FoundCase{"shapes_rotation_fast", 0.8}),
-                         [](const auto& info) { return TestName(info.param.folder); });
+                         [](const auto& test) { return TestName(test.param.folder); });
 
 class FlashingBoardTest : public ::testing::TestWithParam<const char*> {};
 
@@ -170,8 +170,8 @@ INSTANTIATE_TEST_SUITE_P(RealRecordings, AbsentObjectTest,
                                            AbsentCase{"cube_turntable/recording.raw", "phone_shake"},
                                            AbsentCase{"checkerboard_flash/09.raw", "phone_shake"},
                                            AbsentCase{"checkerboard_flash/20.raw", "cube_turntable"}),
-                         [](const auto& info) {
-                           return TestName(std::string(info.param.folder) + "_in_" + info.param.recording);
+                         [](const auto& test) {
+                           return TestName(std::string(test.param.folder) + "_in_" + test.param.recording);
                          });
 
 }  // namespace
