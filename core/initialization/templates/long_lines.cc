@@ -24,8 +24,9 @@ constexpr double kVoteCellPx = 3.0;
 constexpr double kMaxTurn = 0.98768834059513772;  // cosine of 9 degrees
 // Half width of the band of a line, px: the events of a moving edge spread by its motion between two polarities.
 constexpr double kHalfBandPx = 5.0;
-// Number of lines that are looked for: the sides of two bars and of one more thing.
+// Number of lines that are looked for: the sides of two bars and of one more thing. Each takes a pass over all points.
 constexpr int kMaxLines = 6;
+// Points of a line, and of what is left beside the lines: fewer determine no pose (edge_blobs.cc).
 constexpr size_t kMinLinePoints = 40;
 // Least number of points per pixel of a line's length. An edge with events has one point for each pixel and polarity.
 constexpr double kMinDensity = 0.4;
