@@ -52,7 +52,7 @@ class SessionTurns::Pause : public Yielder {
     scheduler_.Charge(session_, Used());
     Begin();
     if (MustEnd()) throw StepEnded();
-    if (scheduler_.queue_.size() == 0 || !scheduler_.HasSpareThread()) return;
+    if (scheduler_.queue_.size() == 0 || scheduler_.drops_steps_ || !scheduler_.HasSpareThread()) return;
     scheduler_.queue_.Push(session_);  // first, because it may throw: the step then ends
     session_.paused_ = this;
     session_.state_ = State::kWaiting;

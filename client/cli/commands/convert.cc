@@ -205,7 +205,7 @@ void PrintConverted(const ConvertArguments& arguments, const EventFileFormat& fo
   out << "sha256     " << converted.sha256 << "\n";
 }
 
-// Reports the parts of the recording that are not in the file, and the size if it is a guess: the file states it.
+// Reports which parts of the recording the new file lacks, and whether its size of the sensor is a guess.
 void Warn(const EventFileFormat& format, const ConvertedEvents& converted, CliContext& context) {
   std::vector<SkippedParts> lost = converted.skipped;
   const DecodeCounts& counts = converted.counts;

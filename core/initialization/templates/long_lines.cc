@@ -77,9 +77,10 @@ class LineVotes {
   // The line with the most votes of points with its direction; nothing if no line has enough of them.
   std::optional<Line> Best(absl::Span<const EventEdgePoint> points) const {
     std::vector<uint32_t> votes(kDirections * num_offsets_, 0);
-    for (const EventEdgePoint& point : points) {
+    for (size_t k = 0; k < points.size(); ++k) {
+      YieldPoint(k);
       for (size_t i = 0; i < kDirections; ++i) {
-        if (std::abs(normals_[i].dot(point.normal)) >= kMaxTurn) ++votes[i * num_offsets_ + OffsetOf(i, point)];
+        if (std::abs(normals_[i].dot(points[k].normal)) >= kMaxTurn) ++votes[i * num_offsets_ + OffsetOf(i, points[k])];
       }
     }
     // An edge between two cells has its votes in both.

@@ -178,7 +178,8 @@ TemplateMatches TemplateSearch::Find(absl::Span<const PixelEvent> events, absl::
   const double duration_s = 1e-6 * static_cast<double>(edges.t_end_us - edges.t_begin_us);
   Maps maps;
   std::vector<Candidate> candidates = FindInBoxes(edges.points, options_.max_boxes, options_.max_coarse, maps);
-  // The coarse score counts no edge that is not explained: it prefers a template on the sides of a bar to the object.
+  // The coarse score ignores the edges that a template does not explain. Templates on the sides of a bar therefore
+  // score higher than the object, and must not take the places of its candidates.
   std::vector<Candidate> off_lines = FindInBoxes(WithoutLongLines(edges.points, sensor()), options_.max_boxes_off_lines,
                                                  options_.max_coarse_off_lines, maps);
   std::move(off_lines.begin(), off_lines.end(), std::back_inserter(candidates));

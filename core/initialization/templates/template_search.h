@@ -102,7 +102,7 @@ class TemplateSearch {
   using Maps = std::vector<std::unique_ptr<EdgeDistanceMap>>;
 
   SensorGeometry sensor() const { return {camera_.width_px, camera_.height_px}; }
-  // Searches the boxes about groups of edges, whose maps it appends; returns the best candidates.
+  // Returns the best candidates in boxes about groups of `points`. Appends the distance map of each box to `maps`.
   std::vector<Candidate> FindInBoxes(absl::Span<const EventEdgePoint> points, int max_boxes, int max_candidates,
                                      Maps& maps) const;
   // Appends the poses of the placements in a box, aligned with the edges of their templates.
