@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Runs ccache with a compiler. CMake gives clang the precompiled header by its absolute path behind -Xclang, which ccache does not make
+# Runs ccache with a compiler. CMake gives clang the precompiled header by its absolute path after -Xclang, which ccache does not make
 # relative to the checkout, so that it would find no object of another one.
 #   tests/compile.sh CCACHE COMPILER ARGUMENT...
 for argument; do
