@@ -58,14 +58,14 @@ inline std::vector<float> Floats(const std::string& bytes) {
   return floats;
 }
 
-struct HttpAnswer {
+struct HttpResponse {
   unsigned status = 0;  // 0: the connection was closed without an answer
   std::map<std::string, std::string> headers;
   std::string body;
 };
 
 // One request with the given headers, to the server at this address.
-inline HttpAnswer Request(int port, const std::string& text, const std::string& address = "127.0.0.1") {
+inline HttpResponse Request(int port, const std::string& text, const std::string& address = "127.0.0.1") {
   boost::asio::io_context context;
   boost::asio::ip::tcp::socket socket(context);
   socket.connect({boost::asio::ip::make_address(address), static_cast<uint16_t>(port)});
@@ -75,7 +75,7 @@ inline HttpAnswer Request(int port, const std::string& text, const std::string& 
   boost::beast::http::response_parser<boost::beast::http::string_body> parser;
   parser.skip(text.rfind("HEAD", 0) == 0);
   boost::beast::http::read(socket, buffer, parser, error);
-  HttpAnswer answer;
+  HttpResponse answer;
   if (!parser.is_header_done()) return answer;
   answer.status = parser.get().result_int();
   for (const auto& field : parser.get()) {
@@ -85,13 +85,13 @@ inline HttpAnswer Request(int port, const std::string& text, const std::string& 
   return answer;
 }
 
-inline HttpAnswer Get(int port, const std::string& path, const std::string& host,
-                      const std::string& address = "127.0.0.1") {
+inline HttpResponse Get(int port, const std::string& path, const std::string& host,
+                        const std::string& address = "127.0.0.1") {
   return Request(port, absl::StrCat("GET ", path, " HTTP/1.1\r\nHost: ", host, "\r\n\r\n"), address);
 }
 
 // The request of a browser for the WebSocket, from a page of this origin.
-inline HttpAnswer OpenStream(int port, const std::string& host, const std::string& origin) {
+inline HttpResponse OpenStream(int port, const std::string& host, const std::string& origin) {
   return Request(port, absl::StrCat("GET /stream HTTP/1.1\r\nHost: ", host, "\r\nOrigin: ", origin,
                                     "\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n",
                                     "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"));

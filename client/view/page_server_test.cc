@@ -75,7 +75,7 @@ TEST_F(PageServerTest, ServesItsFilesWithHeadersThatKeepOtherSitesOut) {
   EXPECT_EQ(server_->url(), absl::StrCat("http://", host_, "/#", key_));
   EXPECT_EQ(key_.size(), 32u);
   for (const std::string& host : {host_, absl::StrCat("localhost:", server_->port())}) {
-    const HttpAnswer page = Get(server_->port(), "/?x=1", host);
+    const HttpResponse page = Get(server_->port(), "/?x=1", host);
     EXPECT_EQ(page.status, 200u);
     EXPECT_EQ(page.body, "<p>page</p>");
     EXPECT_EQ(page.headers.at("Content-Type"), "text/html; charset=utf-8");
@@ -91,7 +91,7 @@ TEST_F(PageServerTest, ServesItsFilesWithHeadersThatKeepOtherSitesOut) {
     EXPECT_EQ(Get(server_->port(), path, host_).status, 404u) << path;
   }
   EXPECT_EQ(Request(server_->port(), absl::StrCat("POST / HTTP/1.1\r\nHost: ", host_, "\r\n\r\n")).status, 405u);
-  const HttpAnswer head = Request(server_->port(), absl::StrCat("HEAD / HTTP/1.1\r\nHost: ", host_, "\r\n\r\n"));
+  const HttpResponse head = Request(server_->port(), absl::StrCat("HEAD / HTTP/1.1\r\nHost: ", host_, "\r\n\r\n"));
   EXPECT_EQ(head.status, 200u);
   EXPECT_EQ(head.body, "");
 }
@@ -99,7 +99,7 @@ TEST_F(PageServerTest, ServesItsFilesWithHeadersThatKeepOtherSitesOut) {
 TEST_F(PageServerTest, OtherHostsAndOriginsAreRefused) {
   Serve({.hosts = {"View.example:8443"}});
   for (const char* const host : {"attacker.example", "127.0.0.1", "127.0.0.1:1", "view.example", ""}) {
-    const HttpAnswer answer = Get(server_->port(), "/", host);
+    const HttpResponse answer = Get(server_->port(), "/", host);
     EXPECT_EQ(answer.status, 403u) << host;
     EXPECT_THAT(answer.body, HasSubstr("--allow-host"));
   }
@@ -122,7 +122,7 @@ TEST_F(PageServerTest, CompressedFilesAreSentAsTheClientAcceptsThem) {
     return Request(server_->port(), absl::StrCat("GET ", path, " HTTP/1.1\r\nHost: ", host_, "\r\n", accepted, "\r\n"));
   };
   for (const char* const accepted : {"gzip", "br, GZIP;q=0.5", "deflate , gzip ; q=1"}) {
-    const HttpAnswer answer = get("/large.txt", absl::StrCat("Accept-Encoding: ", accepted, "\r\n"));
+    const HttpResponse answer = get("/large.txt", absl::StrCat("Accept-Encoding: ", accepted, "\r\n"));
     EXPECT_EQ(answer.status, 200u);
     EXPECT_EQ(answer.headers.at("Content-Encoding"), "gzip") << accepted;
     EXPECT_EQ(answer.headers.at("Vary"), "Accept-Encoding");
@@ -130,14 +130,14 @@ TEST_F(PageServerTest, CompressedFilesAreSentAsTheClientAcceptsThem) {
   }
   for (const char* const header : {"", "Accept-Encoding: br, identity\r\n", "Accept-Encoding: gzip;q=0\r\n",
                                    "Accept-Encoding: gzip; q=0.000, br\r\n"}) {
-    const HttpAnswer answer = get("/large.txt", header);
+    const HttpResponse answer = get("/large.txt", header);
     EXPECT_EQ(answer.status, 200u);
     EXPECT_FALSE(answer.headers.contains("Content-Encoding")) << header;
     EXPECT_EQ(answer.headers.at("Vary"), "Accept-Encoding");
     EXPECT_EQ(answer.body, plain);
   }
   EXPECT_FALSE(get("/app.js", "Accept-Encoding: gzip\r\n").headers.contains("Content-Encoding"));
-  const HttpAnswer damaged = get("/damaged.txt", "");
+  const HttpResponse damaged = get("/damaged.txt", "");
   EXPECT_EQ(damaged.status, 500u);
   EXPECT_EQ(damaged.body, "a file of the page in this program is damaged\n");
 }
@@ -170,7 +170,7 @@ TEST_F(PageServerTest, TheAddressOfThePageIsThatOfTheServer) {
   Serve({.listen = "127.0.0.2:0"});
   const std::string host = absl::StrCat("127.0.0.2:", server_->port());
   EXPECT_EQ(server_->url(), absl::StrCat("http://", host, "/#", key_));
-  const HttpAnswer page = Get(server_->port(), "/", host, "127.0.0.2");
+  const HttpResponse page = Get(server_->port(), "/", host, "127.0.0.2");
   EXPECT_EQ(page.status, 200u);
   EXPECT_THAT(page.headers.at("Content-Security-Policy"), HasSubstr(absl::StrCat("ws://", host, " ")));
   EXPECT_EQ(Get(server_->port(), "/", host_, "127.0.0.2").status, 200u) << "with ssh -L";
@@ -195,7 +195,7 @@ TEST_F(PageServerTest, AnIpv6AddressHasBrackets) {
   Serve({.listen = "[0:0:0:0:0:0:0:1]:0"});
   const std::string host = absl::StrCat("[::1]:", server_->port());
   EXPECT_EQ(server_->url(), absl::StrCat("http://", host, "/#", key_)) << "as browsers shorten it";
-  const HttpAnswer page = Get(server_->port(), "/", host, "::1");
+  const HttpResponse page = Get(server_->port(), "/", host, "::1");
   EXPECT_EQ(page.status, 200u);
   EXPECT_THAT(page.headers.at("Content-Security-Policy"), HasSubstr("connect-src 'self'; frame"));
 }

@@ -55,20 +55,20 @@ class HttpConnection {
   boost::asio::ip::tcp::socket socket_{context_};
 };
 
-struct HttpAnswer {
+struct HttpResponse {
   int status = 0;
   std::string head;
   std::string body;
 };
 
 // Sends one request and returns the response. Each line of `headers` ends with CR LF.
-inline HttpAnswer Ask(int port, const std::string& path, const std::string& method = "GET",
-                      const std::string& sent_body = "", const std::string& headers = "") {
+inline HttpResponse Ask(int port, const std::string& path, const std::string& method = "GET",
+                        const std::string& sent_body = "", const std::string& headers = "") {
   HttpConnection connection(port);
   connection.Write(absl::StrCat(method, " ", path, " HTTP/1.1\r\nHost: test\r\n", headers,
                                 "Content-Length: ", sent_body.size(), "\r\n\r\n", sent_body));
   const std::string bytes = connection.ReadAll();
-  HttpAnswer answer;
+  HttpResponse answer;
   const size_t end = bytes.find("\r\n\r\n");
   if (end == std::string::npos || !absl::SimpleAtoi(bytes.substr(std::string("HTTP/1.1 ").size(), 3), &answer.status)) {
     ADD_FAILURE() << "not an HTTP response: " << bytes;
@@ -80,8 +80,8 @@ inline HttpAnswer Ask(int port, const std::string& path, const std::string& meth
 }
 
 // Waits until /readyz has this status, and returns that response.
-inline HttpAnswer WaitUntilReadyIs(int port, int status) {
-  HttpAnswer answer;
+inline HttpResponse WaitUntilReadyIs(int port, int status) {
+  HttpResponse answer;
   EXPECT_TRUE(Poll([&] {
     answer = Ask(port, "/readyz");
     return answer.status == status;

@@ -40,14 +40,14 @@ class HttpServerTest : public testing::Test {
 };
 
 TEST_F(HttpServerTest, RendersThePageForEachRequest) {
-  const HttpAnswer first = Ask(port_, "/count");
+  const HttpResponse first = Ask(port_, "/count");
   EXPECT_EQ(first.status, 200);
   EXPECT_EQ(first.body, "1");
   EXPECT_THAT(first.head, HasSubstr("Content-Type: text/plain; charset=utf-8\r\n"));
   EXPECT_THAT(first.head, HasSubstr("Content-Length: 1\r\n"));
   EXPECT_EQ(Ask(port_, "/count?what=ever").body, "2");
   EXPECT_EQ(Ask(port_, "/large").body.size(), 1u << 20);
-  const HttpAnswer broken = Ask(port_, "/broken");
+  const HttpResponse broken = Ask(port_, "/broken");
   EXPECT_EQ(broken.status, 503);
   EXPECT_EQ(broken.body, "no\n");
   EXPECT_THAT(broken.head, HasSubstr("Content-Type: text/html\r\n"));
@@ -59,7 +59,7 @@ TEST_F(HttpServerTest, ThePageDependsOnTheHeaderAccept) {
 }
 
 TEST_F(HttpServerTest, HeadIsThePageWithoutItsBody) {
-  const HttpAnswer answer = Ask(port_, "/count", "HEAD");
+  const HttpResponse answer = Ask(port_, "/count", "HEAD");
   EXPECT_EQ(answer.status, 200);
   EXPECT_THAT(answer.head, HasSubstr("Content-Length: 1\r\n"));
   EXPECT_EQ(answer.body, "");
@@ -67,7 +67,7 @@ TEST_F(HttpServerTest, HeadIsThePageWithoutItsBody) {
 
 TEST_F(HttpServerTest, RejectsOtherMethodsAndTheirBodies) {
   for (const char* method : {"POST", "PUT", "DELETE", "OPTIONS", "PATCH"}) {
-    const HttpAnswer answer = Ask(port_, "/count", method, "some body");
+    const HttpResponse answer = Ask(port_, "/count", method, "some body");
     EXPECT_EQ(answer.status, 405) << method;
     EXPECT_THAT(answer.head, HasSubstr("Allow: GET, HEAD\r\n")) << method;
   }

@@ -33,9 +33,9 @@ class OperatorPagesTest : public RpcTest {
   }
   ~OperatorPagesTest() override { pages_.reset(); }  // the pages must be destroyed before the server
 
-  HttpAnswer Get(const std::string& path) const { return Ask(pages_->port(), path); }
+  HttpResponse Get(const std::string& path) const { return Ask(pages_->port(), path); }
   ParsedMetrics Scrape() const {
-    const HttpAnswer answer = Get("/metrics");
+    const HttpResponse answer = Get("/metrics");
     EXPECT_EQ(answer.status, 200);
     EXPECT_THAT(answer.head, HasSubstr("Content-Type: text/plain; version=0.0.4; charset=utf-8\r\n"));
     return ParseMetrics(answer.body);
@@ -62,7 +62,7 @@ TEST_F(OperatorPagesTest, ReadyWhileTheStoreResponds) {
   EXPECT_EQ(Scrape().At("evpose_ready"), 1.0);
   for (int i = 0; i < 2; ++i) {
     fault_->Set(absl::UnavailableError("gone\nfor lunch"));
-    const HttpAnswer answer = WaitUntilReadyIs(pages_->port(), 503);
+    const HttpResponse answer = WaitUntilReadyIs(pages_->port(), 503);
     EXPECT_THAT(answer.body, testing::MatchesRegex("the store does not respond: gone for lunch\n"));
     EXPECT_EQ(Scrape().At("evpose_ready"), 0.0);
     EXPECT_EQ(Get("/healthz").status, 200) << "restarting the process would not help";
@@ -76,7 +76,7 @@ TEST_F(OperatorPagesTest, NotReadyAfterDrain) {
   grpc::ClientContext context;
   v1::DrainResponse response;
   ASSERT_TRUE(admin_->Drain(&context, {}, &response).ok());
-  const HttpAnswer answer = Get("/readyz");
+  const HttpResponse answer = Get("/readyz");
   EXPECT_EQ(answer.status, 503);
   EXPECT_THAT(answer.body, testing::MatchesRegex("the server is shutting down[^\n]*\n"));
   EXPECT_EQ(Get("/healthz").status, 200);
@@ -157,7 +157,7 @@ TEST_F(OperatorPagesTest, SessionsAddNoSeries) {
   for (CreatedSession& session : sessions) ASSERT_EQ(Describe(Create(request, &session)), "OK");
   CreatedSession one_too_many;
   EXPECT_EQ(Describe(Create(request, &one_too_many)), "RESOURCE_EXHAUSTED TOO_MANY_SESSIONS");
-  const HttpAnswer answer = Get("/metrics");
+  const HttpResponse answer = Get("/metrics");
   const ParsedMetrics with = ParseMetrics(answer.body);
   EXPECT_EQ(series(with), without);
   EXPECT_EQ(with.At("evpose_sessions{state=\"detached\"}"), 64.0);
@@ -176,9 +176,9 @@ TEST_F(OperatorPagesTest, OpenMetricsHaveExemplarsOfTheTrace) {
   track->End();
   EXPECT_EQ(Describe(track->Finish()), "OK");
   const std::string exemplar = " # {trace_id=\"" + TraceIdOf(session.name()) + "\"} ";
-  const HttpAnswer plain = Get("/metrics");
+  const HttpResponse plain = Get("/metrics");
   EXPECT_THAT(plain.body, testing::Not(HasSubstr("trace_id")));
-  const HttpAnswer answer =
+  const HttpResponse answer =
       Ask(pages_->port(), "/metrics", "GET", "",
           "Accept: application/openmetrics-text;version=1.0.0,text/plain;version=0.0.4;q=0.5,*/*;q=0.1\r\n");
   EXPECT_EQ(answer.status, 200);

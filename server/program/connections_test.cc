@@ -68,7 +68,7 @@ TEST_F(ConnectionsTest, ServesAgainAfterItsDescriptorsWereUsedUp) {
   ASSERT_EQ(prlimit(program_->pid(), RLIMIT_NOFILE, &few, nullptr), 0);
   EXPECT_EQ(Ask(metrics_port_, "/readyz").status, 200);
   while (Connect()) continue;
-  const HttpAnswer answer = Ask(metrics_port_, "/readyz");
+  const HttpResponse answer = Ask(metrics_port_, "/readyz");
   EXPECT_EQ(answer.status, 503);
   EXPECT_THAT(answer.body, testing::HasSubstr("too few descriptors"));
   EXPECT_EQ(Ask(metrics_port_, "/healthz").status, 200) << "a restart would not help";

@@ -123,7 +123,7 @@ void Session::AnswerTokenRequests() {
   {
     const std::lock_guard lock(mutex_);
     closed = gate_.closed();
-    answerable = token_requests_.TakeAnswerable(committer_->progress().lifecycle, !closed.ok());
+    answerable = token_requests_.RemoveAnswerable(committer_->progress().lifecycle, !closed.ok());
   }
   for (TokenRequest& request : answerable) {
     if (closed.ok()) {

@@ -9,7 +9,7 @@ namespace evpose::bench {
 
 double ScrapeMs(int port) {
   const auto begin = std::chrono::steady_clock::now();
-  const server::HttpAnswer answer = server::Ask(port, "/metrics");
+  const server::HttpResponse answer = server::Ask(port, "/metrics");
   const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - begin;
   return answer.status == 200 ? time.count() : 0.0;
 }

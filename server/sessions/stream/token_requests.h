@@ -29,7 +29,7 @@ class TokenRequests {
 
   // Removes and returns, in the order of Add, the requests that can be answered: those whose record has been persisted,
   // or all when the session is closed.
-  std::vector<TokenRequest> TakeAnswerable(uint64_t persisted_lifecycle, bool is_closed) {
+  std::vector<TokenRequest> RemoveAnswerable(uint64_t persisted_lifecycle, bool is_closed) {
     const auto rest = std::stable_partition(waiting_.begin(), waiting_.end(), [&](const TokenRequest& request) {
       return is_closed || request.lifecycle <= persisted_lifecycle;
     });

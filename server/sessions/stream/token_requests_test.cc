@@ -15,15 +15,15 @@ std::vector<std::string> Tokens(const std::vector<TokenRequest>& requests) {
 
 TEST(TokenRequestsTest, AnswersThoseWithAPersistedRecordInOrder) {
   TokenRequests requests;
-  EXPECT_TRUE(requests.TakeAnswerable(9, true).empty());
+  EXPECT_TRUE(requests.RemoveAnswerable(9, true).empty());
   requests.Add({2, "b", nullptr});
   requests.Add({4, "d", nullptr});
   requests.Add({3, "c", nullptr});
-  EXPECT_TRUE(requests.TakeAnswerable(1, false).empty());
-  EXPECT_THAT(Tokens(requests.TakeAnswerable(3, false)), testing::ElementsAre("b", "c"));
-  EXPECT_TRUE(requests.TakeAnswerable(3, false).empty()) << "each is answered once";
+  EXPECT_TRUE(requests.RemoveAnswerable(1, false).empty());
+  EXPECT_THAT(Tokens(requests.RemoveAnswerable(3, false)), testing::ElementsAre("b", "c"));
+  EXPECT_TRUE(requests.RemoveAnswerable(3, false).empty()) << "each is answered once";
   requests.Add({5, "e", nullptr});
-  EXPECT_THAT(Tokens(requests.TakeAnswerable(0, true)), testing::ElementsAre("d", "e")) << "closed: all of them";
+  EXPECT_THAT(Tokens(requests.RemoveAnswerable(0, true)), testing::ElementsAre("d", "e")) << "closed: all of them";
 }
 
 }  // namespace

@@ -56,8 +56,7 @@ void CheckedLease::Commit(SessionCommit commit, Done done) {
 absl::Status StoreClosedError() { return absl::CancelledError("the store is closed"); }
 
 absl::Status FencedError(absl::string_view session, uint64_t fencing_number) {
-  return absl::AbortedError(
-      absl::StrCat(session, " was taken by another holder; the lease ", fencing_number, " no longer holds it"));
+  return absl::AbortedError(absl::StrCat(session, " has been acquired again; lease ", fencing_number, " has ended"));
 }
 
 absl::Status RolledBackError(absl::string_view session, uint64_t fencing_number) {

@@ -51,7 +51,7 @@ absl::StatusOr<FencingToken> MemorySessions::Create(const SessionRecord& record,
   return token;
 }
 
-absl::StatusOr<MemorySession> MemorySessions::Take(absl::string_view name, std::string holder) {
+absl::StatusOr<MemorySession> MemorySessions::Acquire(absl::string_view name, std::string holder) {
   const std::lock_guard lock(mutex_);
   const auto found = contents_.sessions.find(name);
   if (found == contents_.sessions.end()) return SessionNotFoundError(name);

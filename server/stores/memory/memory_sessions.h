@@ -40,7 +40,7 @@ class MemorySessions {
 
   // `holder`: FencingToken::holder of the lease. Returns its token.
   absl::StatusOr<FencingToken> Create(const SessionRecord& record, const std::string& lifecycle, std::string holder);
-  absl::StatusOr<MemorySession> Take(absl::string_view name, std::string holder);
+  absl::StatusOr<MemorySession> Acquire(absl::string_view name, std::string holder);
   absl::StatusOr<StoredSession> Read(absl::string_view name, uint64_t after_pose_seq) const;
   std::vector<StoredSession> ReadWithoutPoses(const std::vector<std::string>& names) const;
   absl::StatusOr<std::string> ReadTenant(absl::string_view name) const;

@@ -120,7 +120,7 @@ class MemoryStore : public Store {
 
   absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
     EVPOSE_ASSIGN_OR_RETURN(std::string holder, RandomHex128());
-    EVPOSE_ASSIGN_OR_RETURN(MemorySession session, shared_->sessions->Take(name, std::move(holder)));
+    EVPOSE_ASSIGN_OR_RETURN(MemorySession session, shared_->sessions->Acquire(name, std::move(holder)));
     const uint64_t next_pose_seq = session.next_pose_seq;
     return AcquiredSession{.session = std::move(session.stored),
                            .lease = std::make_unique<MemoryLease>(shared_, name, session.token, next_pose_seq)};
