@@ -40,11 +40,12 @@ def tracking(result):
         rows.append([
             f"{scenario['scenario']}: {scenario['description']}", f"**{cell(100 * ours['position_rmse_of_depth'], 3)}**",
             f"**{cell(ours['rotation_median_deg'], 2)} / {cell(ours['rotation_p95_deg'], 2)}**",
-            f"{cell(100 * ours['coverage_ratio'], 2)} %", f"{ours['losses']:.0f}", cell(ours["nees_median"], 1),
+            f"{cell(100 * ours['coverage_ratio'], 2)} %", f"{ours['losses']:.0f}",
+            f"{cell(ours['nees_median'], 1)} / {100 * ours['nees_inside_95_ratio']:.0f} %",
             lost if published["losses"] else cell(100 * published["position_rmse_of_depth"], 3),
         ])
-    return table(["scenario", "position RMSE, % of depth", "rotation median / p95, deg", "good poses", "losses", "NEES, median",
-                  "paper's MM, position"], rows)
+    return table(["scenario", "position RMSE, % of depth", "rotation median / p95, deg", "good poses", "losses",
+                  "NEES, median / inside 95 %", "paper's MM, position"], rows)
 
 
 def first_pose(result):
