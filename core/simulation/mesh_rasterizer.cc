@@ -142,6 +142,15 @@ void MeshRasterizer::Render(const PixelRect& rect, const ScreenMesh& mesh) {
   for (const auto& triangle : mesh.triangles) DrawSamples(corners(triangle));
 }
 
+bool MeshRasterizer::IsAnyOf(const PixelRect& box, auto has_property) const {
+  for (int y = box.y0; y < box.y1; ++y) {
+    for (size_t pixel = IndexOf(box.x0, y), end = pixel + (box.x1 - box.x0); pixel < end; ++pixel) {
+      if (has_property(pixel)) return true;
+    }
+  }
+  return false;
+}
+
 void MeshRasterizer::DrawCentres(const std::array<const ScreenVertex*, 3>& corners) {
   const std::array<Vector2d, 3> p = Facet::PointsOf(corners);
   const double area = Cross(p[1] - p[0], p[2] - p[0]);
@@ -154,7 +163,9 @@ void MeshRasterizer::DrawCentres(const std::array<const ScreenVertex*, 3>& corne
   while (box.y0 < box.y1 && box.y0 < low.y()) ++box.y0;
   while (box.x0 < box.x1 && box.x1 - 1 > high.x()) --box.x1;
   while (box.y0 < box.y1 && box.y1 - 1 > high.y()) --box.y1;
-  if (box.empty()) return;
+  // Half of the triangles are behind others, which hide them if they have been drawn before.
+  const float depth_high = std::max({corners[0]->inverse_depth, corners[1]->inverse_depth, corners[2]->inverse_depth});
+  if (!IsAnyOf(box, [&](size_t pixel) { return centres_[pixel].inverse_depth < depth_high; })) return;
   const Facet facet(corners, area);
   for (int y = box.y0; y < box.y1; ++y) {
     const auto [begin, end] = facet.ColumnsOf(y, box, kOverlapPx);
@@ -224,9 +235,10 @@ void MeshRasterizer::DrawSamples(const std::array<const ScreenVertex*, 3>& corne
   const double area = Cross(p[1] - p[0], p[2] - p[0]);
   if (!(std::abs(area) > kMinArea)) return;
   const PixelRect box = BoundingRect(p).Intersection(rect_);
-  if (box.empty()) return;
+  // Most triangles have no pixel with samples.
+  if (!IsAnyOf(box, [&](size_t pixel) { return samples_of_[pixel] > 0; })) return;
   const Facet facet(corners, area);
-  std::optional<FacetDifferences> differences;  // computed for the first pixel with samples, which most triangles lack
+  std::optional<FacetDifferences> differences;  // computed for the first pixel with samples inside the triangle
   constexpr double kHalfDiagonalPx = 0.70711;   // the samples of a pixel are at most so far from its centre
   for (int y = box.y0; y < box.y1; ++y) {
     const auto [begin, end] = facet.ColumnsOf(y, box, kHalfDiagonalPx);

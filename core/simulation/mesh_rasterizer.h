@@ -56,6 +56,8 @@ class MeshRasterizer {
 
   size_t width() const { return static_cast<size_t>(rect_.x1 - rect_.x0); }
   size_t IndexOf(int x, int y) const { return static_cast<size_t>(y - rect_.y0) * width() + (x - rect_.x0); }
+  // Whether a pixel of `box`, which is empty or lies inside rect_, has a property of its index.
+  bool IsAnyOf(const PixelRect& box, auto has_property) const;
   void DrawCentres(const std::array<const ScreenVertex*, 3>& corners);
   void MarkEdge(const Eigen::Vector2d& a_px, const Eigen::Vector2d& b_px);
   void MarkBends();
