@@ -320,7 +320,7 @@ class AbsentPosesRun(FirstPosesRun):
 
 BENCH = ["evpose", "bench"]
 GENERATE_MODELS = ["tests/bench/models/generate.py", "build/bench-models"]
-FIRST_POSES = BENCH + ["models", "--models", "build/bench-models", "--first-pose", "--seeds", "2", "--duration", "0.8", "--starts", "4",
+FIRST_POSES = BENCH + ["models", "--models", "build/bench-models", "--first-pose", "--seeds", "2", "--duration", "0.8", "--starts", "10",
                        "--recordings", "build/bench-models/recordings-first-pose"]
 QUICK_FIRST_POSES = [("--seeds", "1"), ("--starts", "2")]
 # Recordings that are not part of the project, in the folder EVPOSE_SHARED_DATA of CMake.
