@@ -7,12 +7,6 @@
 
 namespace evpose::client {
 
-std::string_view UserStateName(UserState state) {
-  constexpr std::array<std::string_view, kNumUserStates> kNames = {"WAITING",   "CREATING", "BROKEN", "ATTACHING",
-                                                                   "STREAMING", "DELETING", "OVER"};
-  return kNames[static_cast<size_t>(state)];
-}
-
 UserState NextState(UserState state, UserInput input) {
   using State = UserState;
   using Input = UserInput;

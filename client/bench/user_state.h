@@ -4,8 +4,6 @@
 // client/bench/README.md.
 #pragma once
 
-#include <string_view>
-
 namespace evpose::client {
 
 enum class UserState {
@@ -18,7 +16,6 @@ enum class UserState {
   kOver,       // no further session; final
 };
 inline constexpr int kNumUserStates = 7;
-std::string_view UserStateName(UserState state);  // "WAITING", ...
 
 enum class UserInput {
   kCreate,    // CreateSession is called

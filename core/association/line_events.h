@@ -40,7 +40,7 @@ struct LineGroup {
 };
 
 // Computes the positions of a group's events relative to its line. The line may have moved since the events were
-// sorted. Always inlined, so that the functions in numerics/target_clones.h use the instructions of their clones.
+// sorted. Always inlined, so that the functions in core/numerics/target_clones.h use the instructions of their clones.
 class GroupLine {
  public:
   [[gnu::always_inline]] GroupLine(const LineGroup& group, const ImageLine& line)

@@ -20,7 +20,7 @@ namespace evpose {
 // from the bearings instead.
 class TileTable {
  public:
-  static constexpr size_t kMaxPixels = size_t{1} << 22;
+  static constexpr size_t kMaxPixels = size_t{1} << 22;  // a table of 16 MB
   // Number of bytes for each pixel of a camera with distortion.
   static size_t BytesPerPixel(const CameraModel& camera) { return IsTabulated(camera) ? sizeof(uint32_t) : 0; }
 

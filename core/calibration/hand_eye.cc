@@ -44,7 +44,7 @@ constexpr double kConverged = 1e-10;
 constexpr double kUncorrelated = 0.1;
 // Standard errors above it, metres and radians, are reported: such a transform misses the object by centimetres.
 constexpr double kLargeError = 0.05;
-// A number of outliers above one in so many poses is reported. By chance there are 3e-7 (kOutlier2).
+// Outliers are reported if they are more than one in this number of poses. By chance there are 3e-7 (kOutlier2).
 constexpr int kPosesPerOutlier = 20;
 // Two fits have the same offset if their offsets differ by less than this, seconds. It is half of the interval over
 // which time_offset.cc measures the motion.

@@ -22,7 +22,7 @@ constexpr double kMaxSamples = 20'000.0;  // bounds the time
 constexpr double kEdgeSpacing = 0.005, kSurfaceSpacing = 0.01;
 constexpr double kSameCosine = 0.94;        // 20 degrees
 constexpr double kSameAxisCosine = 0.9986;  // 3 degrees
-constexpr int kMaxAxes = 40;
+constexpr int kMaxAxes = 40;                // bounds the time: each axis is compared on all samples
 
 using SegmentVisitor = absl::FunctionRef<void(const Vector3d& from, const Vector3d& to)>;
 

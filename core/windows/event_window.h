@@ -12,9 +12,9 @@
 //    An interval lasts `interval_us`, or less while the image moves fast: the time in which the fastest object moves by
 //    `max_motion_px` at the speed that SetImageSpeed() received, but at least `min_interval_us`. The estimate contains
 //    the motion within a window, but not its acceleration.
-// 2. A window that lasts `max_duration_us` closes regardless of its number of events. If it has fewer than
-// `min_events`,
-//    nothing moved, and `has_few_events` is set.
+// 2. A window that lasts `max_duration_us` closes regardless of its number of events. With fewer than `min_events`,
+//    nothing moved: the edges have swept too few pixels for more events. The window then has the flag
+//    `has_few_events`.
 // 3. A window with more than `max_events` events is downsampled uniformly, by a hash of each event's number in the
 //    stream. The sample covers the whole time span and the whole image. (The paper keeps the N events nearest to the
 //    middle, which discards the information on velocity. Every second event would favour one side of an edge, because

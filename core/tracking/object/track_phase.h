@@ -42,7 +42,7 @@ inline constexpr int kNumTrackInputs = 8;
 // Returns the phase after `input`, by the table of the README; `phase` itself if nothing changes.
 TrackPhase NextPhase(TrackPhase phase, TrackInput input);
 
-// Whether a hypothesis has a pose that may be reported: it has been confirmed, and has not been rejected.
+// Whether a hypothesis has a pose that may be reported: it has left the tentative phase, and has not been rejected.
 inline bool HasEstimate(TrackPhase phase) { return phase != TrackPhase::kTentative && phase != TrackPhase::kLost; }
 
 // The state that is reported while this hypothesis is published.

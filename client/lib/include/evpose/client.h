@@ -92,6 +92,7 @@ class Client {
                                                          const ClientOptions& options = {});
   ~Client();
 
+  // Returns version, limits and state of the server.
   absl::StatusOr<ServerInfo> GetServerInfo();
   // Shuts the server down when its streams have finished, at the latest after `timeout` (absent: the server's own).
   // Returns the number of sessions with an attached stream, for which the server waits.
@@ -99,12 +100,19 @@ class Client {
   // Sets the level of the server's log until its process ends. Returns the previous level.
   absl::StatusOr<LogLevel> SetLogLevel(LogLevel level);
 
+  // Uploads the bytes of a model and waits until the server has prepared it. The name of the model follows from its
+  // content: another upload of the same bytes has no effect and returns the same model. Errors: INVALID_ARGUMENT if it
+  // cannot be loaded or takes too much processor time or memory; RESOURCE_EXHAUSTED for a limit of the server or
+  // tenant.
   absl::StatusOr<ModelInfo> UploadModel(absl::Span<const uint8_t> bytes, const UploadOptions& options);
   // Uploads an OBJ, PLY or STL file. Additional errors name the path: those of reading it, and INVALID_ARGUMENT for
   // another file name extension or for more bytes than the server accepts (ServerInfo::max_model_bytes).
   absl::StatusOr<ModelInfo> UploadModelFile(const std::string& path, double metres_per_unit = 1.0);
+  // NOT_FOUND, also for a model of another tenant.
   absl::StatusOr<ModelInfo> GetModel(const std::string& name, const std::stop_token& stop = {});
+  // All models of the tenant, by pages.
   absl::StatusOr<std::vector<ModelInfo>> ListModels();
+  // Errors: NOT_FOUND; FAILED_PRECONDITION while a session uses the model.
   absl::Status DeleteModel(const std::string& name);
   // Returns the triangles and the edges of a model as the server prepared them. A mesh of more than `max_faces`
   // triangles (at most 100,000; 0: 20,000) is simplified. Additional error: INTERNAL for a geometry that contradicts
@@ -124,8 +132,12 @@ class Client {
   // which is what evpose-server proposes.
   absl::StatusOr<Session> CreateSession(const SessionConfig& config, const std::string& request_id = "",
                                         absl::Duration max_wait = absl::Seconds(30), const std::stop_token& stop = {});
+  // NOT_FOUND, also for a session of another tenant.
   absl::StatusOr<Session> GetSession(const std::string& name, const std::stop_token& stop = {});
+  // All sessions of the tenant, by pages.
   absl::StatusOr<std::vector<Session>> ListSessions(const std::stop_token& stop = {});
+  // Ends the streams of the session and deletes it. OK if there is no such session, unlike DeleteModel(), because the
+  // server deletes a session by itself when it expires.
   absl::Status DeleteSession(const std::string& name);
 
   // Sends the events of the session and delivers its poses until the summary: see track.h. A broken stream is

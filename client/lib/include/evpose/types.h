@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Parameters and results of the client library. Each type corresponds to a message or enumeration of proto/evpose/v1,
-// which documents its fields in full. The enumerators have the numbers of the API.
+// Parameters and results of the client library. Each type corresponds to a message or enumeration of the same name in
+// proto/evpose/v1. The enumerators have the numbers of the API. Times `t_us` are microseconds on the sensor's clock.
 #pragma once
 
 #include <Eigen/Core>
@@ -77,7 +77,14 @@ enum class ModelFormat { kObj = 1, kPly, kStl, kMesh };
 enum class ModelSurface { kSmooth = 1, kAsIs };
 
 // State of an object's track. kUnknown is a state of a later server; it means that there is no confirmed pose.
-enum class TrackState { kUnknown, kInitializing, kTracking, kDegraded, kLost, kAmbiguous };
+enum class TrackState {
+  kUnknown,
+  kInitializing,  // no pose has been confirmed yet
+  kTracking,      // the pose is confirmed
+  kDegraded,      // the events support only a part of the pose, are too few, or contradict it
+  kLost,          // the track was lost; the object is searched for again
+  kAmbiguous,     // several poses explain the events; the most likely one is reported, with the others
+};
 std::string_view TrackStateName(TrackState state);  // "UNKNOWN", "INITIALIZING", "TRACKING", ...
 
 // The reason why an object has no pose yet.
@@ -96,7 +103,15 @@ enum class InitializationStatus {
 std::string_view InitializationStatusName(InitializationStatus status);  // "NOT_NEEDED", "WAITING_FOR_EVENTS", ...
 
 // The reason why a reported or given pose was rejected. kUnknown also stands for causes of a later server.
-enum class LossCause { kUnknown, kContradicted, kUncertain, kOutOfView, kBetterPose, kOccupied, kUnconfirmed };
+enum class LossCause {
+  kUnknown,
+  kContradicted,  // the events contradicted it
+  kUncertain,     // it was no longer determined, or the estimation failed
+  kOutOfView,     // all of its edges were outside the image
+  kBetterPose,    // another pose explains the events better
+  kOccupied,      // it was at the place of another object
+  kUnconfirmed,   // a given pose was not confirmed before the end of the events
+};
 std::string_view LossCauseName(LossCause cause);  // "UNKNOWN", "CONTRADICTED", "UNCERTAIN", ...
 
 // The lowest level that a server writes to its log.
@@ -156,7 +171,11 @@ struct TrackedObject {
   std::optional<Eigen::Matrix3d> reference_rotation;    // absent: the identity
 };
 
-enum class OverloadPolicy { kBlock = 1, kLatest };
+// What happens when events arrive faster than the session tracks them.
+enum class OverloadPolicy {
+  kBlock = 1,  // lossless, for recordings: the client waits
+  kLatest,     // for live cameras: events that have waited longer than max_lag are counted, but not tracked
+};
 
 struct SessionConfig {
   EventEncoding encoding = EventEncoding::kEvt3;
@@ -181,6 +200,7 @@ struct SearchCounts {
   uint64_t poses_found = 0;  // poses, which the events may have rejected later
 };
 
+// The rejection of a reported or given pose.
 struct Loss {
   int64_t t_us = 0;
   LossCause cause = LossCause::kUnknown;
@@ -189,14 +209,15 @@ struct Loss {
 };
 
 struct ObjectHealth {
-  std::string object_id;
+  std::string object_id;  // TrackedObject::object_id
   TrackState state = TrackState::kInitializing;
-  uint32_t losses = 0;
-  float explained_ratio = 0.0f;
+  uint32_t losses = 0;           // changes to kLost
+  float explained_ratio = 0.0f;  // of the latest pose
+  // Why there is no confirmed pose. When the session has ended without a pose: the result of most searches.
   InitializationStatus initialization = InitializationStatus::kWaitingForEvents;
-  uint64_t initialization_attempts = 0;
-  std::string detail;
-  std::optional<Loss> latest_loss;
+  uint64_t initialization_attempts = 0;  // searches for the pose so far
+  std::string detail;                    // for people: why there is no confirmed pose; empty when there is one
+  std::optional<Loss> latest_loss;       // absent before the first loss
   SearchCounts searches;
   uint32_t followed_poses = 0;  // the first pose, tested or reported, and those that are compared with it
 };
@@ -211,21 +232,22 @@ struct ProcessingHealth {
 };
 
 struct SessionHealth {
-  int64_t t_us = 0;
-  uint64_t received_bytes = 0;
-  uint64_t processed_bytes = 0;
-  uint64_t decoded_events = 0;
-  uint64_t dropped_events = 0;
-  uint64_t invalid_words = 0;
-  uint64_t time_backsteps = 0;
-  uint64_t poses = 0;
-  double event_rate_hz = 0.0;
-  double pose_rate_hz = 0.0;
-  double real_time_ratio = 0.0;
+  int64_t t_us = 0;              // up to which events were processed
+  uint64_t received_bytes = 0;   // payload, without repeated chunks
+  uint64_t processed_bytes = 0;  // payload
+  uint64_t decoded_events = 0;   // changes of brightness
+  uint64_t dropped_events = 0;   // events before the first full time stamp, or outside the sensor
+  uint64_t invalid_words = 0;    // words of unknown type, and incomplete vectors
+  uint64_t time_backsteps = 0;   // backward steps of the time stamps, other than wraps of the clock
+  uint64_t poses = 0;            // of all objects
+  double event_rate_hz = 0.0;    // per second of sensor time
+  double pose_rate_hz = 0.0;     // per second of sensor time
+  double real_time_ratio = 0.0;  // processing time over sensor time; above 1 the session falls behind
+  // From the receipt of the events of a pose by the server to the pose; absent before the first pose.
   std::optional<absl::Duration> latency_p50;
   std::optional<absl::Duration> latency_p99;
-  uint64_t skipped_events = 0;
-  int64_t skipped_us = 0;
+  uint64_t skipped_events = 0;  // decoded, but not tracked (OverloadPolicy::kLatest)
+  int64_t skipped_us = 0;       // the sensor time of these events
   ProcessingHealth processing;
   std::vector<ObjectHealth> objects;
 };
@@ -340,7 +362,13 @@ struct StateChange {
   int64_t t_us = 0;
   TrackState state = TrackState::kInitializing;
 };
-enum class DropReason { kUnknown, kLag, kMemory, kReader };
+// Why events were skipped.
+enum class DropReason {
+  kUnknown,
+  kLag,     // they had waited longer than SessionConfig::max_lag
+  kMemory,  // more bytes were waiting than the server grants as credit
+  kReader,  // the client of the stream does not read its poses
+};
 struct EventsDropped {
   uint64_t num_events = 0;
   int64_t from_t_us = 0;
