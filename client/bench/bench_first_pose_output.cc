@@ -23,6 +23,8 @@ struct FirstPoseFigures {
   double time_ms = 0.0;     // median sensor time from the motion to the first right pose
   double compute_ms = 0.0;  // median processor time until it
   double longest_wrong_ms = 0.0;
+  int num_poses = 0;       // with a state in which a pose is reported
+  int num_ambiguous = 0;   // of these
   int best_right = 0;      // number of searches whose best pose is right
   int any_right = 0;       // number of searches that return a right pose
   int with_motion = 0;     // number of searches before which the object moved enough
@@ -37,6 +39,8 @@ FirstPoseFigures FiguresOf(const FirstPoseBenchRow& row) {
     figures.found += start.is_found() ? 1 : 0;
     figures.wrong += start.wrong_at_us >= 0 ? 1 : 0;
     figures.longest_wrong_ms = std::max(figures.longest_wrong_ms, 1e-3 * static_cast<double>(start.longest_wrong_us));
+    figures.num_poses += start.states.tracking + start.states.degraded + start.states.ambiguous;
+    figures.num_ambiguous += start.states.ambiguous;
     if (start.right_us < 0) continue;
     times_ms.push_back(1e-3 * static_cast<double>(start.right_us - std::max<int64_t>(0, start.moved_us)));
     computes_ms.push_back(1e3 * start.compute_s);
@@ -54,21 +58,27 @@ FirstPoseFigures FiguresOf(const FirstPoseBenchRow& row) {
   return figures;
 }
 
+// Share of the poses that were AMBIGUOUS, %.
+double AmbiguousPercent(int num_ambiguous, int num_poses) {
+  return num_poses > 0 ? 100.0 * num_ambiguous / num_poses : kNoNumber;
+}
+
+Json StatesJson(const ReportedStates& states) {
+  return {{"tracking", states.tracking},
+          {"tracking_right", states.tracking_right},
+          {"degraded", states.degraded},
+          {"degraded_right", states.degraded_right},
+          {"ambiguous", states.ambiguous},
+          {"ambiguous_right", states.ambiguous_right},
+          {"ambiguous_among", states.ambiguous_among}};
+}
+
 Json ExplanationJson(const StartExplanation& explanation) {
-  const ReportedStates& states = explanation.states;
   return {{"cause", StartCauseName(explanation.cause)},
           {"turn_sigmas", explanation.turn_sigmas},
           {"given_right_us", explanation.given_right_us},
           {"ranks", explanation.ranks},
-          {"proposed_ranks", explanation.proposed_ranks},
-          {"poses",
-           {{"tracking", states.tracking},
-            {"tracking_right", states.tracking_right},
-            {"degraded", states.degraded},
-            {"degraded_right", states.degraded_right},
-            {"ambiguous", states.ambiguous},
-            {"ambiguous_right", states.ambiguous_right},
-            {"ambiguous_among", states.ambiguous_among}}}};
+          {"proposed_ranks", explanation.proposed_ranks}};
 }
 
 }  // namespace
@@ -81,12 +91,15 @@ const char kFirstPoseTableHelp[] =
     "            300 ms, counted from the time at which the image of the object has moved by 2 px\n"
     "  time      median of this time; CPU: median processor time until then\n"
     "  wrong     starts in which a wrong pose was reported as TRACKING, and the longest time\n"
+    "  ambig     share of all poses that were reported as AMBIGUOUS, %\n"
     "  search    searches whose best pose, and any of whose poses, is within 6 deg and 3 % of the depth of the true\n"
     "            one, of those with enough motion; median and longest processor time of a search\n";
 
 void PrintFirstPoseHeader(std::ostream& out) {
-  out << "                               prep.           time    CPU      wrong         search          ms        \n"
-         "model                    views    ms    found    ms     ms   starts    ms   best any  of  median longest\n";
+  out << "                               prep.           time    CPU      wrong    ambig    search          ms        "
+         "\n"
+         "model                    views    ms    found    ms     ms   starts    ms    % best any  of  median "
+         "longest\n";
 }
 
 void PrintFirstPoseRow(const FirstPoseBenchRow& row, std::ostream& out) {
@@ -96,16 +109,16 @@ void PrintFirstPoseRow(const FirstPoseBenchRow& row, std::ostream& out) {
     return;
   }
   const FirstPoseFigures figures = FiguresOf(row);
-  out << absl::StrFormat("%-24s %5d %5.0f %4d/%-3d %6s %6s %8d %5.0f %6d %3d %3d %7s %7.0f\n", row.model.name,
+  out << absl::StrFormat("%-24s %5d %5.0f %4d/%-3d %6s %6s %8d %5.0f %4s %4d %3d %3d %7s %7.0f\n", row.model.name,
                          row.num_views, 1e3 * row.preparation_s, figures.found, row.starts.size(),
                          Cell(figures.time_ms, 1), Cell(figures.compute_ms, 0), figures.wrong, figures.longest_wrong_ms,
-                         figures.best_right, figures.any_right, figures.with_motion, Cell(figures.search_ms, 0),
-                         figures.worst_search_ms);
+                         Cell(AmbiguousPercent(figures.num_ambiguous, figures.num_poses), 0), figures.best_right,
+                         figures.any_right, figures.with_motion, Cell(figures.search_ms, 0), figures.worst_search_ms);
   out.flush();
 }
 
 void PrintFirstPoseSummary(const std::vector<FirstPoseBenchRow>& rows, std::ostream& out) {
-  int found = 0, starts = 0, wrong = 0;
+  int found = 0, starts = 0, wrong = 0, num_poses = 0, num_ambiguous = 0;
   double longest_ms = 0.0;
   std::string name = "-";
   for (const FirstPoseBenchRow& row : rows) {
@@ -113,12 +126,16 @@ void PrintFirstPoseSummary(const std::vector<FirstPoseBenchRow>& rows, std::ostr
     found += figures.found;
     starts += static_cast<int>(row.starts.size());
     wrong += figures.wrong;
+    num_poses += figures.num_poses;
+    num_ambiguous += figures.num_ambiguous;
     if (figures.longest_wrong_ms <= longest_ms) continue;
     longest_ms = figures.longest_wrong_ms;
     name = row.model.name;
   }
-  out << absl::StrFormat("\nfound in %d of %d starts; wrong while TRACKING in %d, for at most %.0f ms (%s)\n", found,
-                         starts, wrong, longest_ms, name);
+  out << absl::StrFormat(
+      "\nfound in %d of %d starts; wrong while TRACKING in %d, for at most %.0f ms (%s); %s %% of the poses "
+      "AMBIGUOUS\n",
+      found, starts, wrong, longest_ms, name, Cell(AmbiguousPercent(num_ambiguous, num_poses), 0));
 }
 
 const char kStartCauseHelp[] =
@@ -170,7 +187,8 @@ Json FirstPoseJson(const std::vector<FirstPoseBenchRow>& rows, const FirstPoseBe
                                  {"wrong_rotation_deg", kDegreesPerRadian * start.wrong.rotation_rad},
                                  {"wrong_translation_ratio", start.wrong.translation_ratio},
                                  {"searches", start.searches},
-                                 {"compute_s", start.compute_s}});
+                                 {"compute_s", start.compute_s},
+                                 {"poses", StatesJson(start.states)}});
       if (options.explains) model["starts"].back()["explanation"] = ExplanationJson(start.explanation);
     }
     for (const SearchTrial& trial : row.trials) {

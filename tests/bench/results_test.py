@@ -53,7 +53,8 @@ class ModelsTableTest(unittest.TestCase):
 
 
 def start(right_us, wrong_at_us=-1, longest_wrong_us=0):
-    return {"moved_us": 10_000, "right_us": right_us, "wrong_at_us": wrong_at_us, "longest_wrong_us": longest_wrong_us}
+    return {"moved_us": 10_000, "right_us": right_us, "wrong_at_us": wrong_at_us, "longest_wrong_us": longest_wrong_us,
+            "poses": {"tracking": 60, "degraded": 15, "ambiguous": 25 if right_us < 0 else 5}}
 
 
 class FirstPosesTableTest(unittest.TestCase):
@@ -62,9 +63,9 @@ class FirstPosesTableTest(unittest.TestCase):
         starts = [start(30_000), start(310_000), start(310_001), start(-1, 20_000, 31_000)]
         result = {"models": [{"model": "cube-medium", "searches": searches, "starts": starts}, {"model": "mug-medium", "error": "refused"}]}
         lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in models.first_poses(result).splitlines()]
-        self.assertEqual(lines[2], ["cube", "2 of 4", "160", "1, 31", "65 / 90"])
-        self.assertEqual(lines[3], ["mug", "0 of 0", "-", "0, 0", "-"])
-        self.assertEqual(lines[4], ["all", "2 of 4", "160", "1, 31", "65 / 90"])
+        self.assertEqual(lines[2], ["cube", "2 of 4", "160", "1, 31", "12", "65 / 90"])
+        self.assertEqual(lines[3], ["mug", "0 of 0", "-", "0, 0", "-", "-"])
+        self.assertEqual(lines[4], ["all", "2 of 4", "160", "1, 31", "12", "65 / 90"])
 
 
 class SeeingTablesTest(unittest.TestCase):

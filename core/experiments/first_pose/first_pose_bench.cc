@@ -97,7 +97,6 @@ absl::StatusOr<FirstPoseStart> RunStart(const FirstPoseRun& run, const FirstPose
   start.t_start_us = start_us;
   start.moved_us = MovedAfter(run, start_us);
   WrongTime wrong;
-  ReportedStates states;
   for (int64_t t_us = start_us; t_us < start_us + options.watch_us; t_us += kStartStepUs) {
     std::vector<PoseEstimate> estimates;
     const double seconds =
@@ -107,7 +106,7 @@ absl::StatusOr<FirstPoseStart> RunStart(const FirstPoseRun& run, const FirstPose
       const std::optional<PoseError> error = run.ErrorAt(estimate.t_us, estimate.camera_from_object);
       if (!error) continue;
       const bool is_right = run.IsRight(*error);
-      CountState(run, estimate, is_right, states);
+      CountState(run, estimate, is_right, start.states);
       const bool is_wrong = estimate.state == TrackState::kTracking && !is_right;
       wrong.Add(estimate.t_us, is_wrong);
       if (is_wrong) {
@@ -123,12 +122,10 @@ absl::StatusOr<FirstPoseStart> RunStart(const FirstPoseRun& run, const FirstPose
   wrong.Finish(start_us + options.watch_us);
   start.longest_wrong_us = wrong.longest_us();
   start.searches = tracker->initialization().attempts;
-  if (!options.explains) return start;
-  start.explanation.states = states;
-  if (start.is_found()) return start;
+  if (!options.explains || start.is_found()) return start;
   const int64_t end_us = start_us + std::min(options.watch_us, std::max<int64_t>(0, start.moved_us) + kFoundWithinUs);
-  EVPOSE_ASSIGN_OR_RETURN(start.explanation,
-                          ExplainStart(run, options.bench.tracker, start_us, end_us, start.moved_us >= 0, states));
+  EVPOSE_ASSIGN_OR_RETURN(
+      start.explanation, ExplainStart(run, options.bench.tracker, start_us, end_us, start.moved_us >= 0, start.states));
   return start;
 }
 

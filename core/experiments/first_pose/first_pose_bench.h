@@ -60,6 +60,7 @@ struct FirstPoseStart {
   PoseError wrong;
   uint64_t searches = 0;
   double compute_s = 0.0;  // processor seconds until the first right pose, or for all events
+  ReportedStates states;   // of all events
   StartExplanation explanation;
 
   // Found: within kFoundWithinUs of the time at which the object has moved.

@@ -164,7 +164,6 @@ int RankOfRight(const FirstPoseRun& run, const TemplateMatches& found) {
 absl::StatusOr<StartExplanation> ExplainStart(const FirstPoseRun& run, const TrackerOptions& options, int64_t start_us,
                                               int64_t end_us, bool moved, const ReportedStates& states) {
   StartExplanation result;
-  result.states = states;
   const absl::StatusOr<RigidTransform> truth = Interpolate(run.inputs.truth, start_us);
   if (!moved || !truth.ok()) {
     result.cause = StartCause::kNotMoved;

@@ -38,7 +38,6 @@ struct ReportedStates {
 
 struct StartExplanation {
   StartCause cause = StartCause::kFound;
-  ReportedStates states;
   std::vector<double> turn_sigmas;  // of TurnEvidence()
   // Microseconds until a tracker that is given the true pose is TRACKING and right; -1: never.
   int64_t given_right_us = -1;

@@ -74,12 +74,14 @@ def first_poses(result):
         wrong = [start for start in starts if start["wrong_at_us"] >= 0]
         longest_ms = max((1e-3 * start["longest_wrong_us"] for start in wrong), default=0.0)
         searches_ms = [1e3 * search["compute_s"] for row in rows for search in row.get("searches", []) if search["has_moved"]]
+        poses = sum(start["poses"][state] for start in starts for state in ("tracking", "degraded", "ambiguous"))
+        ambiguous = sum(start["poses"]["ambiguous"] for start in starts)
         return [title, f"{len(waits_ms)} of {len(starts)}", cell(statistics.median(waits_ms), 0) if waits_ms else "-",
-                f"{len(wrong)}, {longest_ms:.0f}",
+                f"{len(wrong)}, {longest_ms:.0f}", cell(100 * ambiguous / poses, 0) if poses else "-",
                 f"{cell(statistics.median(searches_ms), 0)} / {cell(max(searches_ms), 0)}" if searches_ms else "-"]
 
     models_of = {shape: [row for row in result["models"] if shape_of(row["model"]) == shape]
                  for shape in distinct(shape_of(row["model"]) for row in result["models"])}
     return table(["shape", "found", "wait, median, ms", "starts with a wrong pose as TRACKING, and its longest time, ms",
-                  "one search, median / longest, ms of processor time"],
+                  "AMBIGUOUS, % of the poses", "one search, median / longest, ms of processor time"],
                  [line(shape, rows) for shape, rows in models_of.items()] + [line("all", result["models"])])
