@@ -82,11 +82,10 @@ std::string Worst(const std::vector<ModelBenchRow>& rows, double factor, int dec
 }  // namespace
 
 const char kModelsTableHelp[] =
-    "Each model is tracked from its true pose at the start, on simulated recordings of its exact surface (the "
-    "reference\n"
-    "of models.json) with 5 % noise; the background is plain for odd seeds and textured for even ones. A lost object "
-    "is\n"
-    "not searched for. Errors are those of all poses, modulo the symmetries of the model: means over the seeds.\n"
+    "Each model is tracked from its true pose at the start, on simulated recordings of the smooth surface through the\n"
+    "reference of models.json, or through the model, with 5 % noise; the background is plain for odd seeds and\n"
+    "textured for even ones. A lost object is not searched for. Errors are those of all poses, modulo the symmetries\n"
+    "of the model: means over the seeds.\n"
     "  prep.     processor time from the file to the model\n"
     "  elements  visible lines and elements of edges and contours, mean over the first recording\n"
     "  symmetry  number of rotations, axis or sphere\n"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Compares the poses of an arm64 build with those of this machine, which must be the same bits; the scene bracket does not
-# pass yet (core/numerics/README.md). It is no part of tests/run.sh: it takes 30 minutes and 3 GB.
+# Compares the poses of an arm64 build with those of this machine, which must be the same bits. It is no part of
+# tests/run.sh: it takes 30 minutes and 3 GB.
 #   tests/arm64/run.sh [DIR]     DIR keeps the packages, the build and the recordings; default: build/arm64
 # Needs build/release, and deploy/install-dependencies.sh --arm64. Packages of arm64 are unpacked to DIR/root without being
 # installed, evpose is cross-compiled against them, and qemu-user runs it.
