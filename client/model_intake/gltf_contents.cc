@@ -31,9 +31,16 @@ constexpr absl::string_view kReadExtensions[] = {
 constexpr absl::string_view kMaterialExtensions = "KHR_materials_";
 constexpr absl::string_view kInstances = "EXT_mesh_gpu_instancing";
 
+constexpr absl::string_view kDraco = "KHR_draco_mesh_compression";
+constexpr absl::string_view kQuantization = "KHR_mesh_quantization";
+constexpr absl::string_view kMeshopt = "meshopt_compression";  // with the prefix EXT_ or KHR_
+constexpr int64_t kMaxPrimitiveMode = 6;                       // triangle fan
+
 absl::string_view RemedyFor(absl::string_view extension) {
-  if (extension == "KHR_mesh_quantization") return "export without quantization";
-  if (absl::StrContains(extension, "meshopt")) return "export without compression";
+  if (extension == kQuantization) {
+    return "export without quantization (gltfpack -noq, or gltf-transform dequantize)";
+  }
+  if (absl::StrContains(extension, kMeshopt)) return "export without compression (gltfpack without -c and -cc)";
   return "export the model without it, or as STL, 3MF or STEP";
 }
 
@@ -92,36 +99,111 @@ absl::Status CheckExtensions(const Json& document, std::vector<std::string>& not
   return absl::OkStatus();
 }
 
-bool HasFloats(const Json& document, const Json& accessor) {
-  const Json& accessors = Member(document, "accessors");
-  if (!accessors.is_array() || !accessor.is_number_unsigned() || accessor.get<size_t>() >= accessors.size()) {
-    return true;  // Assimp reports it
-  }
-  const Json& type = Member(accessors[accessor.get<size_t>()], "componentType");
-  return type.is_number_integer() && type.get<int64_t>() == kFloat;
+const Json& Extension(const Json& json, absl::string_view name) {
+  return Member(Member(json, "extensions"), std::string(name).c_str());
 }
 
-absl::Status CheckNumbers(const Json& document, GltfContents& result) {
-  const Json& meshes = Member(document, "meshes");
-  if (!meshes.is_array()) return absl::OkStatus();
-  for (const Json& mesh : meshes) {
-    const Json& primitives = Member(mesh, "primitives");
-    if (!primitives.is_array()) continue;
-    for (const Json& primitive : primitives) {
-      const Json& attributes = Member(primitive, "attributes");
-      if (!attributes.is_object()) continue;
-      for (const auto& [name, accessor] : attributes.items()) {
-        if (HasFloats(document, accessor)) continue;
-        if (absl::StartsWith(name, "TEXCOORD_")) result.are_images_read = false;
-        if (name != "POSITION" && name != "NORMAL") continue;
-        return absl::InvalidArgumentError(
-            absl::StrCat("the numbers of ", name,
-                         " are not floating-point numbers, which alone are read: export without "
-                         "quantization"));
-      }
+// The element of the list `name` with this index; null if it is absent.
+const Json& Element(const Json& document, const char* name, const Json& index) {
+  static const Json kNone;
+  const Json& list = Member(document, name);
+  const bool is_known = list.is_array() && index.is_number_unsigned() && index.get<size_t>() < list.size();
+  return is_known ? list[index.get<size_t>()] : kNone;
+}
+
+// The compression need not be required: a file may have the same numbers in a second, uncompressed buffer, which is
+// read. Without that buffer, Assimp would report a missing "uri".
+absl::Status CheckMeshopt(const Json& document, bool is_glb) {
+  const Json& views = Member(document, "bufferViews");
+  if (!views.is_array()) return absl::OkStatus();
+  for (const Json& view : views) {
+    for (const char* name : {"EXT_meshopt_compression", "KHR_meshopt_compression"}) {
+      if (Extension(view, name).is_null()) continue;
+      const Json& index = Member(view, "buffer");
+      const bool is_glb_chunk = is_glb && index.is_number_unsigned() && index.get<size_t>() == 0;
+      if (is_glb_chunk || !Member(Element(document, "buffers", index), "uri").is_null()) continue;
+      return absl::InvalidArgumentError(absl::StrCat("has only data that are compressed by the glTF extension ", name,
+                                                     ", which is not read: ", RemedyFor(name)));
     }
   }
   return absl::OkStatus();
+}
+
+bool HasFloats(const Json& document, const Json& accessor) {
+  const Json& found = Element(document, "accessors", accessor);
+  if (found.is_null()) return true;  // Assimp reports it
+  const Json& type = Member(found, "componentType");
+  return type.is_number_integer() && type.get<int64_t>() == kFloat;
+}
+
+absl::Status CheckAttributes(const Json& document, const Json& attributes, GltfContents& result) {
+  if (!attributes.is_object()) return absl::OkStatus();
+  for (const auto& [name, accessor] : attributes.items()) {
+    if (HasFloats(document, accessor)) continue;
+    if (absl::StartsWith(name, "TEXCOORD_")) result.are_images_read = false;
+    if (name != "POSITION" && name != "NORMAL") continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat("the numbers of ", name, " are whole numbers, which the glTF extension ", kQuantization,
+                     " permits, but only floating-point numbers are read: ", RemedyFor(kQuantization)));
+  }
+  return absl::OkStatus();
+}
+
+// Assimp decodes compressed triangles only if the file lists the extension.
+absl::Status CheckDraco(const Json& document, const Json& primitive, GltfContents& result) {
+  if (Extension(primitive, kDraco).is_null()) return absl::OkStatus();
+  const std::vector<std::string> used = Names(Member(document, "extensionsUsed"));
+  result.has_draco = std::find(used.begin(), used.end(), kDraco) != used.end();
+  const Json& position = Element(document, "accessors", Member(Member(primitive, "attributes"), "POSITION"));
+  if (result.has_draco || position.is_null() || !Member(position, "bufferView").is_null()) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat("has triangles that are compressed by the glTF extension ", kDraco,
+                                                 ", but does not list it in extensionsUsed: export it again, without "
+                                                 "compression"));
+}
+
+absl::Status CheckPrimitive(const Json& document, const Json& primitive, GltfContents& result) {
+  const Json& mode = Member(primitive, "mode");
+  if (!mode.is_null() && !(mode.is_number_unsigned() && mode.get<int64_t>() <= kMaxPrimitiveMode)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("a primitive of a mesh has the mode ", Escaped(mode.dump()),
+                     ", but glTF defines 0 (points) to 6 (triangle fan): export the model again"));
+  }
+  EVPOSE_RETURN_IF_ERROR(CheckDraco(document, primitive, result));
+  return CheckAttributes(document, Member(primitive, "attributes"), result);
+}
+
+bool IsNotZero(const Json& number) { return number.is_number() && number.get<double>() != 0.0; }
+
+absl::Status CheckMeshes(const Json& document, GltfContents& result) {
+  const Json& meshes = Member(document, "meshes");
+  if (!meshes.is_array()) return absl::OkStatus();
+  bool is_morphed = false;
+  for (const Json& mesh : meshes) {
+    const Json& primitives = Member(mesh, "primitives");
+    const Json& weights = Member(mesh, "weights");
+    if (!primitives.is_array()) continue;
+    is_morphed = is_morphed || (weights.is_array() && std::any_of(weights.begin(), weights.end(), IsNotZero));
+    for (const Json& primitive : primitives) EVPOSE_RETURN_IF_ERROR(CheckPrimitive(document, primitive, result));
+  }
+  if (is_morphed) {
+    result.notices.push_back(
+        "the weights of morph targets are not applied: the meshes have the shape that they have with all weights zero; "
+        "export the model without morph targets if it has another shape");
+  }
+  return absl::OkStatus();
+}
+
+// A skin moves the points of a mesh with the nodes that it names as joints.
+void NoteSkins(const Json& document, std::vector<std::string>& notices) {
+  const Json& nodes = Member(document, "nodes");
+  if (!nodes.is_array()) return;
+  const bool has_skin = std::any_of(nodes.begin(), nodes.end(), [](const Json& node) {
+    return !Member(node, "skin").is_null() && !Member(node, "mesh").is_null();
+  });
+  if (!has_skin) return;
+  notices.push_back(
+      "skins are not applied: the meshes have the shape and the place that they have without joints; export the model "
+      "without a skeleton if it is posed otherwise");
 }
 
 }  // namespace
@@ -140,7 +222,9 @@ absl::StatusOr<GltfContents> CheckGltf(absl::string_view contents) {
   }
   GltfContents result;
   EVPOSE_RETURN_IF_ERROR(CheckExtensions(document, result.notices));
-  EVPOSE_RETURN_IF_ERROR(CheckNumbers(document, result));
+  EVPOSE_RETURN_IF_ERROR(CheckMeshopt(document, text.data() != contents.data()));
+  EVPOSE_RETURN_IF_ERROR(CheckMeshes(document, result));
+  NoteSkins(document, result.notices);
   if (!result.are_images_read && !Member(document, "images").empty()) {
     result.notices.push_back(
         "the edges of the images are not used: texture coordinates that are not floating-point numbers are not read; "

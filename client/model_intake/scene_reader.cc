@@ -67,9 +67,8 @@ class SceneCollector {
       }
       for (unsigned i = node->mNumChildren; i > 0; --i) open.push_back({node->mChildren[i - 1], placed});
     }
-    if (out_.mesh.triangles.empty() && out_.mesh.lines.empty()) {
-      return absl::InvalidArgumentError("has no triangle and no line");
-    }
+    EVPOSE_RETURN_IF_ERROR(CheckHasElements());
+    NotePoints();
     NoteLines();
     FinishCorners();
     TakeNotices(out_.mesh, out_.notices);
@@ -121,11 +120,27 @@ class SceneCollector {
       EVPOSE_RETURN_IF_ERROR(counter_.AddLines(1));
       out_.mesh.lines.push_back({corners_[0], corners_[1]});
     }
-    if (corners_.size() < 3) return absl::OkStatus();  // points have no extent
+    if (corners_.size() == 1) ++num_points_;
+    if (corners_.size() < 3) return absl::OkStatus();
     EVPOSE_RETURN_IF_ERROR(counter_.AddFace(corners_.size()));
     if (is_mirrored) std::reverse(corners_.begin(), corners_.end());
     AppendPolygon(corners_, out_.mesh);
     return absl::OkStatus();
+  }
+
+  absl::Status CheckHasElements() const {
+    if (!out_.mesh.triangles.empty() || !out_.mesh.lines.empty()) return absl::OkStatus();
+    if (out_.mesh.points.empty()) return absl::InvalidArgumentError("has no triangle and no line");
+    return absl::InvalidArgumentError(
+        absl::StrCat("has ", Counted(out_.mesh.points.size(), "point"),
+                     ", but no triangle and no line: a cloud of points has no surface; export the faces of the object, "
+                     "or compute a mesh from the points"));
+  }
+
+  void NotePoints() {
+    if (num_points_ == 0) return;
+    out_.notices.push_back(absl::StrCat(Counted(num_points_, "point element"),
+                                        " of the file not used: single points have no visible edges"));
   }
 
   void NoteLines() {
@@ -150,6 +165,7 @@ class SceneCollector {
   const aiScene& scene_;
   ElementCounter counter_;
   Scene out_;
+  size_t num_points_ = 0;  // elements of one corner
   std::vector<uint32_t> corners_;
   std::vector<Eigen::Vector3f> point_normals_;
   std::vector<Eigen::Vector2d> point_positions_;
@@ -178,7 +194,11 @@ absl::StatusOr<Scene> ReadScene(const std::string& path, SceneFormat format, siz
     Assimp::Importer importer;
     const aiScene* const scene = Import(importer, path, contents);
     if (scene == nullptr || scene->mRootNode == nullptr) {
-      return absl::InvalidArgumentError(absl::StrCat("cannot be read: ", importer.GetErrorString()));
+      return absl::InvalidArgumentError(absl::StrCat(
+          "cannot be read: ", importer.GetErrorString(),
+          gltf.has_draco ? "; its triangles are compressed by KHR_draco_mesh_compression: export it without "
+                           "compression"
+                         : ""));
     }
     return SceneCollector(*scene, max_triangles, std::move(gltf.notices))
         .Collect(SceneImages(*scene, path, gltf.are_images_read));

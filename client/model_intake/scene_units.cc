@@ -64,6 +64,12 @@ absl::Status CheckOffIsComplete(absl::string_view contents) {
     }
   }
   if (counts.size() < 2) return absl::InvalidArgumentError("does not state the numbers of its points and faces");
+  if (counts[1] == 0) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "states ", counts[0],
+        " points and no face: a cloud of points has no surface; export the faces of the object, or compute a mesh from "
+        "the points"));
+  }
   if (counts[0] <= elements && counts[1] <= elements - counts[0]) return absl::OkStatus();
   return absl::InvalidArgumentError(absl::StrCat("is cut off: it states ", counts[0], " points and ", counts[1],
                                                  " faces, but has ", elements, " lines for them"));

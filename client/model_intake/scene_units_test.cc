@@ -21,7 +21,7 @@ TEST(SceneUnitsTest, TheUnitOfColladaIsFoundAmongOtherAttributesAndElements) {
 
 TEST(SceneUnitsTest, SignaturesTellFormatsApart) {
   EXPECT_TRUE(CheckContents("\xEF\xBB\xBF {\"asset\":1}", SceneFormat::kGltf).ok());
-  EXPECT_TRUE(CheckContents("STOFF 1 0 0\n0 0 0\n", SceneFormat::kOff).ok());
+  EXPECT_TRUE(CheckContents("STOFF 1 1 0\n0 0 0\n1 0\n", SceneFormat::kOff).ok());
   EXPECT_FALSE(CheckContents("glTF", SceneFormat::kGltf).ok());
   EXPECT_FALSE(CheckContents("{", SceneFormat::kGlb).ok());
   EXPECT_FALSE(CheckContents("", SceneFormat::kObj).ok());

@@ -228,13 +228,24 @@ absl::Status CheckIsSurface(const RepairReport& repair, size_t num_triangles) {
       num_triangles, repair.shells));
 }
 
-// Builds the model of a mesh in metres. `unit_is_stated`: the unit is known, whatever the size.
-absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step,
-                                            bool unit_is_stated) {
-  if (mesh.triangles.empty() && mesh.lines.empty()) {
+absl::Status CheckHasElements(const RawMesh& mesh) {
+  if (!mesh.triangles.empty() || !mesh.lines.empty()) return absl::OkStatus();
+  if (mesh.points.empty()) {
     return absl::InvalidArgumentError(
         "the model file has no line and no face: export the faces of the object, or check that the file is complete");
   }
+  std::string error = absl::StrCat("the model file has ", Counted(mesh.points.size(), "point"),
+                                   ", but no line and no face: a cloud of points has no surface; export the faces of "
+                                   "the object, or compute a mesh from the points");
+  // They name elements that are not read.
+  for (const std::string& notice : mesh.notices) absl::StrAppend(&error, " (", notice, ")");
+  return absl::InvalidArgumentError(error);
+}
+
+// Builds the model of a mesh in metres. `unit_is_stated`: the unit is known, whatever the size.
+absl::StatusOr<ObjectModel> BuildFromMetres(RawMesh mesh, const ModelOptions& options, ModelStepListener on_step,
+                                            bool unit_is_stated) {
+  EVPOSE_RETURN_IF_ERROR(CheckHasElements(mesh));
   ObjectModel model;
   TakeNotices(mesh, model.notices);
   if (const size_t unused = DropUnusedPoints(mesh); unused > 0) {

@@ -35,9 +35,11 @@ class ObjReader {
                        absl::StrFormat("vertex index %d, but there are %d vertices", largest_index_, vertices_.size()));
     }
     if (elements_.empty() && !vertices_.empty()) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("the OBJ file has ", Counted(vertices_.size(), "vertex (v)", "vertices (v)"),
-                       " but no face (f) and no line element (l): it is incomplete, or a cloud of points"));
+      return absl::InvalidArgumentError(absl::StrCat("the OBJ file has ",
+                                                     Counted(vertices_.size(), "vertex (v)", "vertices (v)"),
+                                                     " but no face (f) and no line element (l): it is incomplete, or a "
+                                                     "cloud of points, which has no surface; export the "
+                                                     "faces of the object, or compute a mesh from the points"));
     }
     return MakeMesh();
   }
@@ -68,6 +70,7 @@ class ObjReader {
     if (words_.empty()) return absl::OkStatus();
     if (words_[0] == "v") return ReadVertex();
     if (words_[0] == "vn") return ReadNormal();
+    if (words_[0] == "p") num_points_ += words_.size() - 1;
     const bool is_face = words_[0] == "f";
     if (!is_face && words_[0] != "l") return absl::OkStatus();
     if (!is_face && words_.size() < 3) return LineError(line_number_, "a line element (l) needs 2 points");
@@ -150,6 +153,10 @@ class ObjReader {
     constexpr uint32_t kUnused = ~0u;
     std::vector<uint32_t> point_of_vertex(vertices_.size(), kUnused);
     RawMesh mesh;
+    if (num_points_ > 0) {
+      mesh.notices.push_back(absl::StrCat(Counted(num_points_, "point element"),
+                                          " (p) of the file not used: single points have no visible edges"));
+    }
     std::vector<uint32_t> points;
     std::vector<Eigen::Vector3f> normals;
     size_t begin = 0;
@@ -184,6 +191,7 @@ class ObjReader {
   std::vector<int64_t> indices_;  // from 1, of all elements; compared with the number of vertices at the end only
   std::vector<int64_t> normal_indices_;  // for each index of `indices_`: from 1, 0 for none; empty if no corner has one
   std::vector<Element> elements_;
+  size_t num_points_ = 0;  // of statements p
   int64_t largest_index_ = 0;
   int64_t largest_index_line_ = 0;
 };
