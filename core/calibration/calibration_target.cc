@@ -19,8 +19,8 @@ namespace {
 using Eigen::Vector2d;
 
 // The pattern in the unit square, y upwards. It has no symmetry, and long edges in many directions, no two of them
-// parallel, so that a pose without a prior has one solution. The gaps between polygons are at least 5 % of the sheet,
-// so that the edges of two polygons are tens of pixels apart in the image.
+// exactly parallel, so that a pose without a prior has one solution. The gaps between polygons are at least 6 % of its
+// shorter side, and those between nearly parallel edges are larger (README, section 1): their events are not mixed up.
 const std::vector<std::vector<Vector2d>>& UnitPattern() {
   static const auto& pattern = *new std::vector<std::vector<Vector2d>>{
       {{0.00, 0.97}, {0.04, 0.64}, {0.30, 0.58}, {0.38, 1.00}},

@@ -67,25 +67,70 @@ TEST(CalibrationTarget, FacesAreTheWhitePart) {
   EXPECT_NEAR(white_mm2, 297.0 * 210.0 - InkAreaMm2(*target), 0.05);
 }
 
-TEST(CalibrationTarget, EdgesOfDifferentPolygonsAreFarApart) {
-  const auto target = ParseCalibrationTarget("A4");
-  ASSERT_TRUE(target.ok());
-  double nearest_mm = 1e9;
-  for (size_t i = 0; i < target->ink.size(); ++i) {
-    for (size_t j = 0; j < target->ink.size(); ++j) {
-      if (i == j) continue;
-      for (const Eigen::Vector2d& corner : target->ink[i]) {
-        const auto& other = target->ink[j];
-        for (size_t k = 0; k < other.size(); ++k) {
-          const Eigen::Vector2d side = other[(k + 1) % other.size()] - other[k];
-          const double at = std::clamp((corner - other[k]).dot(side) / side.squaredNorm(), 0.0, 1.0);
-          nearest_mm = std::min(nearest_mm, (corner - other[k] - at * side).norm());
-        }
+struct InkEdge {
+  size_t polygon = 0;
+  Eigen::Vector2d begin, end;
+
+  Eigen::Vector2d Along() const { return (end - begin).normalized(); }
+};
+
+std::vector<InkEdge> EdgesOf(const CalibrationTarget& target) {
+  std::vector<InkEdge> edges;
+  for (size_t i = 0; i < target.ink.size(); ++i) {
+    const auto& polygon = target.ink[i];
+    for (size_t k = 0; k < polygon.size(); ++k) edges.push_back({i, polygon[k], polygon[(k + 1) % polygon.size()]});
+  }
+  return edges;
+}
+
+double DistanceMm(const Eigen::Vector2d& point, const InkEdge& edge) {
+  const Eigen::Vector2d side = edge.end - edge.begin;
+  const double at = std::clamp((point - edge.begin).dot(side) / side.squaredNorm(), 0.0, 1.0);
+  return (point - edge.begin - at * side).norm();
+}
+
+// Edges of the pattern do not cross.
+double DistanceMm(const InkEdge& a, const InkEdge& b) {
+  return std::min({DistanceMm(a.begin, b), DistanceMm(a.end, b), DistanceMm(b.begin, a), DistanceMm(b.end, a)});
+}
+
+TEST(CalibrationTarget, PolygonsAreSixPercentOfThePatternApart) {
+  for (const char* page : {"A4", "A3", "letter", "600x400mm", "200x90", "80x80", "80x5000"}) {
+    const auto target = ParseCalibrationTarget(page);
+    ASSERT_TRUE(target.ok());
+    const double shorter_mm = std::min(target->width_mm - 20.0, target->height_mm - 26.0);
+    const std::vector<InkEdge> edges = EdgesOf(*target);
+    for (const InkEdge& a : edges) {
+      for (const InkEdge& b : edges) {
+        if (a.polygon != b.polygon) EXPECT_GE(DistanceMm(a, b), 0.06 * shorter_mm) << page;
       }
     }
   }
-  // At 1 px/mm, which is the whole sheet in a quarter of the width of an EVK4, this is more than two gates of 4 px.
-  EXPECT_GT(nearest_mm, 10.0);
+}
+
+// LineSampler would measure two edges together whose directions differ by a sine below 0.1, and which are nearer than
+// three of its smallest gates, 6 px. The image of the sheet is 320 px wide, a quarter of the width of an EVK4.
+TEST(CalibrationTarget, NearlyParallelEdgesAreSoFarApartThatTheirEventsAreNotMixedUp) {
+  struct Sheet {
+    const char* page;
+    double apart_px;
+  };
+  for (const auto& [page, apart_px] :
+       {Sheet{"A4", 20.0}, Sheet{"A3", 20.0}, Sheet{"letter", 20.0}, Sheet{"600x400mm", 20.0}, Sheet{"200x90", 11.0}}) {
+    const auto target = ParseCalibrationTarget(page);
+    ASSERT_TRUE(target.ok());
+    const double px_per_mm = 320.0 / target->width_mm;
+    const std::vector<InkEdge> edges = EdgesOf(*target);
+    for (size_t i = 0; i < edges.size(); ++i) {
+      for (size_t j = 0; j < i; ++j) {
+        const Eigen::Vector2d a = edges[i].Along(), b = edges[j].Along();
+        const double sine = std::abs(a.x() * b.y() - a.y() * b.x());
+        EXPECT_GT(sine, 0.007) << page << ": edges " << i << " and " << j << " are parallel";
+        if (sine <= 0.1)
+          EXPECT_GE(px_per_mm * DistanceMm(edges[i], edges[j]), apart_px) << page << " " << i << " " << j;
+      }
+    }
+  }
 }
 
 TEST(CalibrationTarget, PdfHasTrueScaleAndCorrectOffsets) {
