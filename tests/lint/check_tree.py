@@ -20,6 +20,7 @@ SHARED_DATA = "../" + "shared"
 SHARED_DATA_FILE = "CMakeLists.txt"
 LICENCE = "SPDX-License-Identifier: Apache-2.0"
 NEEDS_LICENCE = re.compile(r"(\.(h|cc|proto|sh|py|js|ts|mjs|css|html|cmake|yaml|yml|cfg|conf|toml|service|in)|CMakeLists\.txt|Dockerfile|suppressions\.txt|/uncounted\.txt|^\.ci/run)$")
+FOREIGN_DATA = re.compile(r"^tests/data/.*\.ya?ml$")  # written by other software, as their SOURCE.txt says
 DOCUMENT = re.compile(r"(?<![\w/.-])((?:\.\./|[\w-]+/)*[\w-]+\.md)(?:,?\s+sections?\s+(\d+)(?:\s+and\s+(\d+))?|,?\s+equations?\s+\((\d+[a-z]?)\)(?:\s+(?:and|to)\s+\((\d+[a-z]?)\))?)?")
 # "README, section 2", "README, equations (1) and (2)", "equation (3) of the README": the README of the folder or of one above.
 NUMBERS = r"(sections?|equations?)\s+\(?(\d+[a-z]?)\)?(?:\s+(?:and|to)\s+\(?(\d+[a-z]?)\)?)?"
@@ -243,7 +244,7 @@ def main():
                 text = f.read()
         except UnicodeDecodeError:
             continue
-        if NEEDS_LICENCE.search(file) and LICENCE not in text[:400]:
+        if NEEDS_LICENCE.search(file) and not FOREIGN_DATA.search(file) and LICENCE not in text[:400]:
             findings.append(f"{file}:1: the licence line is missing: {LICENCE}")
         if not file.startswith("tests/lint/"):
             check_citations(file, text, findings)
