@@ -50,6 +50,7 @@ INSTANTIATE_TEST_SUITE_P(
     All, ForeignFileTest,
     testing::Values(ForeignFile{"packets.db3", "rosbag2 SQLite", Encoding::kEvt3},
                     ForeignFile{"packets.mcap", "rosbag2 MCAP", Encoding::kEvt3},
+                    ForeignFile{"packets_lz4.mcap", "rosbag2 MCAP", Encoding::kEvt3},
                     ForeignFile{"packets_plain.mcap", "rosbag2 MCAP", Encoding::kEvt3},
                     ForeignFile{"event_arrays.db3", "rosbag2 SQLite", Encoding::kFlat64, 1700000000005000},
                     ForeignFile{"records.npy", "NumPy (x y p t)", Encoding::kFlat64, 0, false},

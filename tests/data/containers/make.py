@@ -4,7 +4,8 @@
 make_mcap.mjs, to which the packets are passed as JSON (packets.json, not kept). All hold the same 300 events of a sensor of 346x260:
 t = 5000 + 37 i + i % 3 us, x = 7 i % 346, y = 11 i % 260, p = i % 2. dvs_msgs has the same after 1,700,000,000 s.
 
-  cd tests/data/containers && /usr/bin/python3 make.py && npm install --no-save @mcap/core @foxglove/wasm-zstd && node make_mcap.mjs"""
+  cd tests/data/containers && /usr/bin/python3 make.py && npm install --no-save @mcap/core @foxglove/wasm-zstd lz4js &&
+  node make_mcap.mjs"""
 
 import base64
 import json

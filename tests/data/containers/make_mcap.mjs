@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Writes packets.json, which make.py has made, with Foxglove's writer of MCAP: packets.mcap with chunks in zstd and an index, and
-// packets_plain.mcap without compression, chunks and index.
+// Writes packets.json, which make.py has made, with Foxglove's writer of MCAP: packets.mcap with chunks in zstd and an index,
+// packets_lz4.mcap with chunks in lz4 (by lz4js, which does not use the library of lz4), and packets_plain.mcap without compression,
+// chunks and index.
 import { readFileSync, writeFileSync } from "fs";
 import { McapWriter } from "@mcap/core";
+import lz4 from "lz4js";
 import zstd from "@foxglove/wasm-zstd";
 
 class Memory {
@@ -36,6 +38,10 @@ await zstd.isLoaded;
 await write("packets.mcap", {
   useStatistics: true, useChunks: true, useChunkIndex: true, chunkSize: 1000,
   compressChunk: (data) => ({ compression: "zstd", compressedData: zstd.compress(data, 3) }),
+});
+await write("packets_lz4.mcap", {
+  useStatistics: true, useChunks: true, useChunkIndex: true, chunkSize: 1000,
+  compressChunk: (data) => ({ compression: "lz4", compressedData: lz4.compress(data) }),
 });
 await write("packets_plain.mcap", {
   useStatistics: false, useChunks: false, useChunkIndex: false, useMessageIndex: false, repeatChannels: false, repeatSchemas: false,
