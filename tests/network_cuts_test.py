@@ -1,15 +1,18 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Cuts the network between two parts of a cluster while `evpose replay` streams, and compares the poses with those of an undisturbed run.
+"""Cuts the network between two parts of a cluster, or around a zone, while `evpose replay` streams, and compares the poses with those of an
+undisturbed run.
 
 usage: network_cuts_test.py EVPOSE_SERVER EVPOSE [--cuts N] [--kinds KIND ...] [--seed N] [--jobs N] [--work DIR]
 
 The clusters are HAProxy, two servers, and three Redis servers with three Sentinels with the files of compose.sentinel.yaml, or a PostgreSQL
 primary that waits for its standby. Each part has a network namespace of its own. A cut drops all packets between two parts, or between
-all parts of two kinds, and tells neither; it begins after a random pose and lasts 2 to 10 s. The client must end with status 0, its poses
-must be those of the undisturbed run to the byte, and its report must name no loss. For each kind of pair, the test prints the number of
-cuts and of identical trajectories, the longest time between two poses, how often clients had to connect again, and how often the master
-was replaced. Each kind has its own cluster; they run at once. Needs root, and is skipped without (status 77).
+all parts of two kinds, and tells neither; it begins after a random pose and lasts 2 to 10 s. The kind "zone" cuts the server with the
+stream, a Redis server and a Sentinel from all other parts; "killed-zone" also kills these three, and starts them again at the end of the
+cut. The client must end with status 0, its poses must be those of the undisturbed run to the byte, and its report must name no loss. For
+each kind, the test prints the number of cuts and of identical trajectories, the longest time between two poses, how often clients had to
+connect again, and how often the master was replaced. Each kind has its own cluster; they run at once. Needs root, and is skipped without
+(status 77).
 """
 import argparse
 import concurrent.futures
@@ -68,11 +71,19 @@ def sentinel_pairs(cut):
     return pairs if cut.is_wide else [cut.random.choice(pairs)]
 
 
+def zone_pairs(cut):
+    """Pairs of a part in the zone and one outside. In every second cut the Redis server in the zone is the master, else a replica."""
+    redis = [cut.cluster.master()] if cut.is_wide else cut.replicas()
+    zone = [cut.serving, *redis, cut.random.choice(SENTINELS)]
+    return product(zone, [part for part in cut.cluster.network.addresses if part not in zone])
+
+
 @dataclasses.dataclass
 class Kind:
     cluster: type
     pairs: Callable[[Cut], list[tuple[str, str]]]
     closes_store_connections: bool = False  # else no part would notice the cut
+    kills: bool = False  # the first part of each pair
 
 
 KINDS = {
@@ -83,7 +94,10 @@ KINDS = {
     "master-replica": Kind(RedisCluster, lambda cut: product([cut.cluster.master()], cut.replicas())),
     # With all Sentinels, they replace a master that works.
     "sentinel-redis": Kind(RedisCluster, lambda cut: product(cut.some(SENTINELS), [cut.cluster.master()])),
+    "sentinel-replica": Kind(RedisCluster, lambda cut: product(cut.some(SENTINELS), cut.replicas())),
     "sentinel-sentinel": Kind(RedisCluster, sentinel_pairs),
+    "zone": Kind(RedisCluster, zone_pairs),
+    "killed-zone": Kind(RedisCluster, zone_pairs, kills=True),
     "server-primary": Kind(PostgresCluster, lambda cut: product(cut.servers(), ["db-1"])),
     "primary-standby": Kind(PostgresCluster, lambda cut: [("db-1", "db-2")]),
 }
@@ -153,13 +167,18 @@ def run_cut(arguments, cluster, kind, name, index, result):
     cut = Cut(cluster, chooser, index % 2 == 1, run.serving())
     pairs = kind.pairs(cut)
     ends = sorted({part for pair in pairs for part in pair})
+    first_parts = sorted({pair[0] for pair in pairs})
     master = cluster.master()
     before = cluster.network.retransmissions(ends)
     with cluster.network.cut(pairs):
+        if kind.kills:
+            cluster.kill(first_parts)
         if kind.closes_store_connections:
             cluster.close_store_connections()
         time.sleep(duration_s)  # the duration of the cut; nothing waits for it
         dropped = cluster.network.retransmissions(ends) - before
+    if kind.kills:
+        cluster.start(first_parts)
     run.finish(result)
     cluster.await_whole()
     check(dropped > 0, run.folder, "no segment was sent again: the cut has dropped nothing")

@@ -96,6 +96,7 @@ class Cluster:
         return self.network.addresses["proxy"] + ":50051"
 
     def start_servers(self, options):
+        self.options = options
         for name in self.SERVERS:
             self.group.start_server(self.program, name, options)
         changes = [("  server server-3 server-3:50051 check-proto h1\n", "")]
@@ -132,6 +133,19 @@ class RedisCluster(Cluster):
 
     def master(self):
         return self.group.await_master(2)
+
+    def kill(self, names):
+        """Kills servers, each with its tunnel, Redis servers and Sentinels."""
+        self.group.kill(*names, *(f"tunnel-{name}" for name in names if name in self.SERVERS))
+
+    def start(self, names):
+        """Starts parts that were killed, with their data."""
+        for name in names:
+            if name in self.SERVERS:
+                self.group.start_tunnel(name)
+                self.group.start_server(self.program, name, self.options, is_restarted=True)
+            else:
+                self.group.start_node(name)
 
     def close_store_connections(self):
         """Ends the connections of the servers to the master, so that they ask the Sentinels."""

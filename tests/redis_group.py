@@ -155,7 +155,7 @@ class Group:
     def start_haproxy(self, name, place, hosts, words, changes=(), **environment):
         """Starts HAProxy with the files of deploy/haproxy that `words` name, after these changes of their text."""
         folder = self.work / name
-        folder.mkdir()
+        folder.mkdir(exist_ok=True)
         command = []
         for word in words:
             if word.endswith(".cfg"):
@@ -186,13 +186,18 @@ class Group:
         self.start_haproxy(name, place, "nodes", self.layout.tunnel, **self.layout.tunnel_environment)
         self.await_listener(name, place, "127.0.1.1", self.redis_port)
 
-    def start_server(self, program, place, options):
-        """Starts a server, whose tunnel has been started, and returns the lines with its addresses."""
-        with open(self.work / f"{place}.log", "w", encoding="utf-8") as out:
-            process = self.start(place, place, "server", [program, *options], stdout=subprocess.PIPE, stderr=out)
-        lines = [process.stdout.readline() for _ in range(2)]
-        check(lines[1].startswith("metrics on "), "the server does not start:", (self.work / f"{place}.log").read_text())
-        return lines
+    def start_server(self, program, place, options, is_restarted=False):
+        """Starts a server, whose tunnel has been started, and returns the lines with its addresses. `is_restarted`: starts it again when
+        it ends because its store is not ready, as compose does."""
+        def start():
+            with open(self.work / f"{place}.log", "w", encoding="utf-8") as out:
+                process = self.start(place, place, "server", [program, *options], stdout=subprocess.PIPE, stderr=out)
+            lines = [process.stdout.readline() for _ in range(2)]
+            is_started = lines[1].startswith("metrics on ")
+            check(is_started or is_restarted, "the server does not start:", (self.work / f"{place}.log").read_text())
+            return lines if is_started else None
+
+        return poll(start, f"the start of {place}")
 
     def server_options(self):
         return [self.changed(word, self.work) for word in self.layout.server]
