@@ -102,11 +102,15 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& addre
   for (const absl::string_view part : absl::StrSplit(addresses, ',')) {
     const std::string address(part);
     EVPOSE_ASSIGN_OR_RETURN(std::shared_ptr<grpc::Channel> channel, MakeChannel(address, options));
-    client->impl_->AddEndpoint(std::move(channel), address);
+    // Reads the certificates again, which may have been replaced.
+    const auto make_channel = [address, options]() {
+      return MakeChannel(address, options, /*shares_connection=*/false).value_or(nullptr);
+    };
+    client->impl_->endpoints.emplace_back(address, std::move(channel), make_channel);
   }
   const absl::Time deadline = absl::Now() + options.connect_timeout;
   EVPOSE_ASSIGN_OR_RETURN(bool is_connected, client->impl_->WaitForServer());
-  const auto get_info = [&client] { return client->impl_->UnaryOnce(&Endpoint::admin, &Admin::GetServerInfo, {}); };
+  const auto get_info = [&client] { return client->impl_->UnaryOnce(&Connection::admin, &Admin::GetServerInfo, {}); };
   absl::StatusOr<v1::ServerInfo> info = get_info();
   // If a server ends, or its connection breaks, before it responds, the next reachable server is used.
   while (is_connected && absl::IsUnavailable(info.status()) && absl::Now() < deadline) {
@@ -147,23 +151,16 @@ std::unique_ptr<Client> ClientAccess::OverChannels(
     const std::vector<std::pair<std::string, std::shared_ptr<grpc::Channel>>>& servers, Clock& clock) {
   std::unique_ptr<Client> client(new Client(ClientOptions()));
   client->impl_->clock = &clock;
-  for (const auto& [name, channel] : servers) client->impl_->AddEndpoint(channel, name);
+  for (const auto& [name, channel] : servers) client->impl_->endpoints.emplace_back(name, channel);
   return client;
 }
 
-void Client::Impl::AddEndpoint(std::shared_ptr<grpc::Channel> channel, const std::string& name) {
-  Endpoint& endpoint = endpoints.emplace_back();
-  endpoint.name = name;
-  endpoint.admin = v1::AdminService::NewStub(channel);
-  endpoint.models = v1::ModelService::NewStub(channel);
-  endpoint.sessions = v1::SessionService::NewStub(channel);
-  endpoint.channel = std::move(channel);
-}
+void ClientAccess::SetClock(Client& client, Clock& clock) { client.impl_->clock = &clock; }
 
 absl::StatusOr<bool> Client::Impl::WaitForServer() {
   const absl::Time begin = absl::Now();
   const absl::Time deadline = begin + options.connect_timeout;
-  for (const Endpoint& endpoint : endpoints) endpoint.channel->GetState(true);  // starts to connect
+  for (const Endpoint& endpoint : endpoints) endpoint.connection()->channel->GetState(true);  // starts to connect
   if (WaitForServerUntil(std::min(deadline, begin + kFirstWait))) return true;
   if (IsCancelled()) return false;
   for (const Endpoint& endpoint : endpoints) {
@@ -178,7 +175,7 @@ bool Client::Impl::WaitForServerUntil(absl::Time deadline) {
     const absl::Duration wait = std::min(deadline - now, kConnectSlice);
     for (size_t i = 0; i < endpoints.size(); ++i) {
       current = i;
-      if (endpoints[i].channel->WaitForConnected(DeadlineIn(wait))) return true;
+      if (endpoints[i].connection()->channel->WaitForConnected(DeadlineIn(wait))) return true;
     }
     if (IsCancelled()) return false;
   }
@@ -186,14 +183,15 @@ bool Client::Impl::WaitForServerUntil(absl::Time deadline) {
 }
 
 absl::StatusOr<ServerInfo> Client::GetServerInfo() {
-  EVPOSE_ASSIGN_OR_RETURN(const v1::ServerInfo info, impl_->Unary(&Endpoint::admin, &Admin::GetServerInfo, {}));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::ServerInfo info, impl_->Unary(&Connection::admin, &Admin::GetServerInfo, {}));
   return FromProto(info);
 }
 
 absl::StatusOr<uint32_t> Client::Drain(std::optional<absl::Duration> timeout) {
   v1::DrainRequest request;
   if (timeout) *request.mutable_timeout() = ToProto(*timeout);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::DrainResponse response, impl_->UnaryOnce(&Endpoint::admin, &Admin::Drain, request));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::DrainResponse response,
+                          impl_->UnaryOnce(&Connection::admin, &Admin::Drain, request));
   return response.remaining_sessions();
 }
 
@@ -201,7 +199,7 @@ absl::StatusOr<LogLevel> Client::SetLogLevel(LogLevel level) {
   v1::SetLogLevelRequest request;
   request.set_level(ToProto(level));
   EVPOSE_ASSIGN_OR_RETURN(const v1::SetLogLevelResponse response,
-                          impl_->UnaryOnce(&Endpoint::admin, &Admin::SetLogLevel, request));
+                          impl_->UnaryOnce(&Connection::admin, &Admin::SetLogLevel, request));
   return FromProto(response.previous_level());
 }
 
@@ -227,8 +225,9 @@ absl::StatusOr<ModelInfo> Client::Impl::TryUpload(absl::Span<const uint8_t> byte
     grpc::ClientContext context;
     context.set_deadline(absl::ToChronoTime(deadline));
     v1::Model model;
+    const std::shared_ptr<const Connection> connection = endpoint.connection();
     const std::unique_ptr<grpc::ClientWriterInterface<v1::UploadModelRequest>> writer =
-        endpoint.models->UploadModel(&context, &model);
+        connection->models->UploadModel(&context, &model);
     v1::UploadModelRequest request;
     *request.mutable_header() = header;
     bool is_open = writer->Write(request);
@@ -261,7 +260,7 @@ absl::StatusOr<ModelInfo> Client::UploadModelFile(const std::string& path, doubl
 absl::StatusOr<ModelInfo> Client::GetModel(const std::string& name, const std::stop_token& stop) {
   v1::GetModelRequest request;
   request.set_name(name);
-  EVPOSE_ASSIGN_OR_RETURN(const v1::Model model, impl_->Unary(&Endpoint::models, &Models::GetModel, request, stop));
+  EVPOSE_ASSIGN_OR_RETURN(const v1::Model model, impl_->Unary(&Connection::models, &Models::GetModel, request, stop));
   return FromProto(model);
 }
 
@@ -271,7 +270,7 @@ absl::StatusOr<std::vector<ModelInfo>> Client::ListModels() {
     for (const v1::Model& model : page.models()) models.push_back(FromProto(model));
     return absl::OkStatus();
   };
-  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Endpoint::models, &Models::ListModels, append));
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Connection::models, &Models::ListModels, append));
   return models;
 }
 
@@ -281,7 +280,7 @@ absl::StatusOr<ModelGeometry> Client::GetModelGeometry(const std::string& name, 
   request.set_name(name);
   request.set_max_faces(max_faces);
   EVPOSE_ASSIGN_OR_RETURN(const v1::ModelGeometry message,
-                          impl_->Unary(&Endpoint::models, &Models::GetModelGeometry, request, stop));
+                          impl_->Unary(&Connection::models, &Models::GetModelGeometry, request, stop));
   absl::StatusOr<ModelGeometry> geometry = FromProto(message);
   if (geometry.ok()) return geometry;
   return absl::InternalError(absl::StrCat(impl_->endpoint().name, ": ", geometry.status().message()));
@@ -291,7 +290,7 @@ absl::Status Client::DeleteModel(const std::string& name) {
   v1::DeleteModelRequest request;
   request.set_name(name);
   const auto call = [&](const Endpoint& endpoint, absl::Time deadline) {
-    auto deleted = Impl::UnaryAt(endpoint, deadline, &Endpoint::models, &Models::DeleteModel, request);
+    auto deleted = Impl::UnaryAt(endpoint, deadline, &Connection::models, &Models::DeleteModel, request);
     request.set_allow_missing(true);  // the server may have deleted the model before it became unreachable
     return deleted;
   };
@@ -304,7 +303,7 @@ absl::StatusOr<v1::CreateSessionResponse> Client::Impl::CreateWhereRoomIs(const 
   const absl::Time begin = clock->Now();
   Backoff backoff((RetryOptions()));
   const auto create = [&](const Endpoint& endpoint, absl::Time deadline) {
-    return UnaryAt(endpoint, deadline, &Endpoint::sessions, &Sessions::CreateSession, request, stop);
+    return UnaryAt(endpoint, deadline, &Connection::sessions, &Sessions::CreateSession, request, stop);
   };
   for (int num_waits = 0;; ++num_waits) {
     auto created = AtAnyServer(create, stop, /*skips_full_servers=*/true);
@@ -339,7 +338,7 @@ absl::StatusOr<Session> Client::GetSession(const std::string& name, const std::s
   v1::GetSessionRequest request;
   request.set_name(name);
   EVPOSE_ASSIGN_OR_RETURN(const v1::Session session,
-                          impl_->Unary(&Endpoint::sessions, &Sessions::GetSession, request, stop));
+                          impl_->Unary(&Connection::sessions, &Sessions::GetSession, request, stop));
   return FromProto(session);
 }
 
@@ -352,7 +351,7 @@ absl::StatusOr<std::vector<Session>> Client::ListSessions(const std::stop_token&
     }
     return absl::OkStatus();
   };
-  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Endpoint::sessions, &Sessions::ListSessions, append, stop));
+  EVPOSE_RETURN_IF_ERROR(impl_->AllPages(&Connection::sessions, &Sessions::ListSessions, append, stop));
   return sessions;
 }
 
@@ -360,7 +359,7 @@ absl::Status Client::DeleteSession(const std::string& name) {
   v1::DeleteSessionRequest request;
   request.set_name(name);
   request.set_allow_missing(true);
-  return impl_->Unary(&Endpoint::sessions, &Sessions::DeleteSession, request).status();
+  return impl_->Unary(&Connection::sessions, &Sessions::DeleteSession, request).status();
 }
 
 }  // namespace evpose::client

@@ -27,6 +27,8 @@ struct ClientAccess {
   // Uses existing channels to several servers that share their sessions, each with its name.
   static std::unique_ptr<Client> OverChannels(
       const std::vector<std::pair<std::string, std::shared_ptr<grpc::Channel>>>& servers, Clock& clock);
+  // Replaces the clock of the time before a call is made again, before the first call. It must outlive the client.
+  static void SetClock(Client& client, Clock& clock);
   // Client::Track() with a feed of the caller, from any position of a session. Stops the feed.
   static absl::StatusOr<TrackSummary> Track(Client& client, const TrackPosition& position, EventFeed& feed,
                                             const TrackCallbacks& callbacks, const TrackOptions& options = {});

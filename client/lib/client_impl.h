@@ -3,17 +3,16 @@
 // The servers of a client and the calls that all its operations share. Internal: it includes generated headers.
 #pragma once
 
-#include <grpcpp/channel.h>
 #include <grpcpp/client_context.h>
 
 #include <atomic>
+#include <deque>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <stop_token>
 #include <string>
 #include <type_traits>
-#include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
@@ -25,9 +24,6 @@
 #include "core/base/status_macros.h"
 #include "evpose/client.h"
 #include "evpose/clock.h"
-#include "evpose/v1/admin_service.grpc.pb.h"
-#include "evpose/v1/model_service.grpc.pb.h"
-#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
 
@@ -36,7 +32,7 @@ using Models = v1::ModelService::StubInterface;
 using Sessions = v1::SessionService::StubInterface;
 
 struct Client::Impl {
-  std::vector<Endpoint> endpoints;
+  std::deque<Endpoint> endpoints;
   std::atomic<size_t> current = 0;  // the server that calls go to
   bool sessions_outlive_server = false;
   uint64_t max_model_bytes = 0;  // limit of the server that Connect() found; 0: not known
@@ -47,7 +43,6 @@ struct Client::Impl {
 
   const Endpoint& endpoint() const { return endpoints[current]; }
   bool IsCancelled() const { return options.is_cancelled && options.is_cancelled(); }
-  void AddEndpoint(std::shared_ptr<grpc::Channel> channel, const std::string& name);
   // Returns false at the timeout; FAILED_PRECONDITION if TLS prevents the connection.
   absl::StatusOr<bool> WaitForServer();
   bool WaitForServerUntil(absl::Time deadline);
@@ -79,7 +74,7 @@ struct Client::Impl {
   // Makes one call of `method` of the member `stub` of a server. A request of `stop` cancels it.
   template <typename Stub, typename Request, typename Response>
   static absl::StatusOr<Response> UnaryAt(const Endpoint& endpoint, absl::Time deadline,
-                                          std::unique_ptr<Stub> Endpoint::*stub,
+                                          std::unique_ptr<Stub> Connection::*stub,
                                           grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                                           const std::type_identity_t<Request>& request,
                                           const std::stop_token& stop = {}) {
@@ -87,14 +82,15 @@ struct Client::Impl {
     context.set_deadline(absl::ToChronoTime(deadline));
     const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
     Response response;
-    const grpc::Status status = ((*(endpoint.*stub)).*method)(&context, request, &response);
+    const std::shared_ptr<const Connection> connection = endpoint.connection();
+    const grpc::Status status = ((*((*connection).*stub)).*method)(&context, request, &response);
     if (!status.ok()) return FromGrpc(status, endpoint.name);
     return response;
   }
 
   // Calls UnaryAt() with the deadline of the options, at any server. Used only for calls that AtAnyServer() may repeat.
   template <typename Stub, typename Request, typename Response>
-  absl::StatusOr<Response> Unary(std::unique_ptr<Stub> Endpoint::*stub,
+  absl::StatusOr<Response> Unary(std::unique_ptr<Stub> Connection::*stub,
                                  grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                                  const std::type_identity_t<Request>& request, const std::stop_token& stop = {}) {
     return AtAnyServer([&](const Endpoint& endpoint,
@@ -104,16 +100,16 @@ struct Client::Impl {
 
   // Calls UnaryAt() at the current server, for calls about the server itself.
   template <typename Stub, typename Request, typename Response>
-  absl::StatusOr<Response> UnaryOnce(std::unique_ptr<Stub> Endpoint::*stub,
+  absl::StatusOr<Response> UnaryOnce(std::unique_ptr<Stub> Connection::*stub,
                                      grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                                      const std::type_identity_t<Request>& request) {
-    ConnectAgain(*endpoint().channel, /*num_servers=*/1, {});
+    endpoint().ConnectAgain(/*num_servers=*/1, {});
     return UnaryAt(endpoint(), absl::Now() + options.call_timeout, stub, method, request);
   }
 
   // Requests all pages of a list, and calls `append(response)` for each page.
   template <typename Stub, typename Request, typename Response, typename Append>
-  absl::Status AllPages(std::unique_ptr<Stub> Endpoint::*stub,
+  absl::Status AllPages(std::unique_ptr<Stub> Connection::*stub,
                         grpc::Status (Stub::*method)(grpc::ClientContext*, const Request&, Response*),
                         const Append& append, const std::stop_token& stop = {}) {
     Request request;

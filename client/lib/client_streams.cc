@@ -31,7 +31,8 @@ template <typename Request, typename Response, typename Handle>
 absl::Status WatchAt(const Endpoint& endpoint, WatchMethod<Request, Response> method, const Request& request,
                      const Handle& handle, const std::stop_token& stop) {
   grpc::ClientContext context;
-  const ResponseReader<Response> reader = (*endpoint.sessions.*method)(&context, request);
+  const std::shared_ptr<const Connection> connection = endpoint.connection();
+  const ResponseReader<Response> reader = (*connection->sessions.*method)(&context, request);
   const std::stop_callback cancel_on_stop(stop, [&context] { context.TryCancel(); });
   Response response;
   while (reader->Read(&response)) {
@@ -111,11 +112,14 @@ absl::StatusOr<TrackSummary> ClientAccess::Track(Client& client, const TrackPosi
   EVPOSE_RETURN_IF_ERROR(options.Validate());
   Client::Impl& impl = *client.impl_;
   std::vector<StreamServer> servers;
-  for (const Endpoint& endpoint : impl.endpoints) {
-    const auto connect = [&impl, &options, channel = endpoint.channel.get()] {
-      ConnectAgain(*channel, impl.endpoints.size(), options.stop.get_token());
+  for (Endpoint& endpoint : impl.endpoints) {
+    const auto connect = [&impl, &options, &endpoint]() -> StreamServer::Stub {
+      endpoint.LeaveAfterRefusal(options.stop.get_token());
+      endpoint.ConnectAgain(impl.endpoints.size(), options.stop.get_token());
+      const std::shared_ptr<const Connection> connection = endpoint.connection();
+      return {connection, connection->sessions.get()};
     };
-    servers.push_back({endpoint.name, endpoint.sessions.get(), connect});
+    servers.push_back({endpoint.name, connect, [&endpoint] { endpoint.NoteRefusal(); }});
     if (impl.options.renew_token) {
       servers.back().auth_token = [&impl] { return impl.options.renew_token().value_or(""); };
     }

@@ -9,24 +9,16 @@
 #include "absl/strings/str_join.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
-#include "client/lib/channel.h"
 #include "client/lib/messages/conversion.h"
 #include "client/lib/messages/status_details.h"
 
 namespace evpose::client {
 namespace {
 
-// Longest wait for the connection to one server when there are others to try.
-constexpr absl::Duration kConnectionWait = absl::Milliseconds(100);
-// The same for the only server: a few round trips of a long link, as TLS needs them.
-constexpr absl::Duration kOnlyConnectionWait = absl::Seconds(1);
+// Longest wait for the connection to a server in turn.
+constexpr absl::Duration kTurnWait = absl::Milliseconds(100);
 
 }  // namespace
-
-void ConnectAgain(grpc::Channel& channel, size_t num_servers, const std::stop_token& stop) {
-  if (channel.GetState(/*try_to_connect=*/false) != GRPC_CHANNEL_TRANSIENT_FAILURE) return;
-  ConnectNow(channel, num_servers == 1 ? kOnlyConnectionWait : kConnectionWait, stop);
-}
 
 bool IsServerAway(const absl::Status& status) {
   switch (status.code()) {
@@ -54,7 +46,7 @@ bool IsServerFull(const absl::Status& status) {
   }
 }
 
-ServerChoice::ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
+ServerChoice::ServerChoice(std::deque<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
                            const std::stop_token& stop, bool skips_full_servers)
     : endpoints_(endpoints),
       current_(current),
@@ -63,7 +55,12 @@ ServerChoice::ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<s
       index_(current),
       backoff_(RetryOptions()),
       skips_full_servers_(skips_full_servers) {
-  ConnectAgain(*endpoint().channel, endpoints_.size(), stop_);
+  Prepare();
+}
+
+void ServerChoice::Prepare() const {
+  if (skips_full_servers_) endpoint().LeaveAfterRefusal(stop_);
+  endpoint().ConnectAgain(endpoints_.size(), stop_);
 }
 
 void ServerChoice::Responded() {
@@ -92,7 +89,7 @@ bool ServerChoice::Next(const absl::Status& status) {
 
 void ServerChoice::Skip() {
   Advance();
-  ConnectAgain(*endpoint().channel, endpoints_.size(), stop_);
+  Prepare();
 }
 
 bool ServerChoice::IsRefusal(const absl::Status& status) const {
@@ -100,7 +97,10 @@ bool ServerChoice::IsRefusal(const absl::Status& status) const {
 }
 
 bool ServerChoice::NextWithRoom(const absl::Status& refusal) {
-  if (IsServerFull(refusal)) refusal_ = refusal;
+  if (IsServerFull(refusal)) {
+    refusal_ = refusal;
+    endpoint().NoteRefusal();
+  }
   const absl::Duration retry_in = GetDetails(refusal).retry_in;
   if (retry_in > absl::ZeroDuration()) retry_in_ = std::min(retry_in_, retry_in);
   ++num_refusals_;
@@ -110,7 +110,7 @@ bool ServerChoice::NextWithRoom(const absl::Status& refusal) {
 }
 
 bool ServerChoice::Connect() const {
-  return ConnectNow(*endpoint().channel, kConnectionWait, stop_) || num_failed_ >= (kMaxRounds - 1) * endpoints_.size();
+  return endpoint().ConnectNow(kTurnWait, stop_) || num_failed_ >= (kMaxRounds - 1) * endpoints_.size();
 }
 
 absl::Status ServerChoice::Final(const absl::Status& status) const {

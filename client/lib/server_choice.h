@@ -4,37 +4,18 @@
 // includes generated headers.
 #pragma once
 
-#include <grpcpp/channel.h>
-
 #include <atomic>
 #include <cstddef>
-#include <memory>
+#include <deque>
 #include <stop_token>
-#include <string>
-#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/time/time.h"
+#include "client/lib/endpoint.h"
 #include "client/lib/stream/retry.h"
 #include "evpose/clock.h"
-#include "evpose/v1/admin_service.grpc.pb.h"
-#include "evpose/v1/model_service.grpc.pb.h"
-#include "evpose/v1/session_service.grpc.pb.h"
 
 namespace evpose::client {
-
-// One of the servers of a client.
-struct Endpoint {
-  std::shared_ptr<grpc::Channel> channel;
-  std::string name;
-  std::unique_ptr<v1::AdminService::StubInterface> admin;
-  std::unique_ptr<v1::ModelService::StubInterface> models;
-  std::unique_ptr<v1::SessionService::StubInterface> sessions;
-};
-
-// Starts another connection attempt if the last one of `channel` failed, and blocks until the channel is connected or a
-// stop is requested. It blocks for at most 1 s if the client has one server, and for at most 0.1 s if it has several.
-void ConnectAgain(grpc::Channel& channel, size_t num_servers, const std::stop_token& stop);
 
 // Returns whether a call failed because its server cannot be reached, shuts down or has lost its store, so that another
 // server may respond.
@@ -52,11 +33,12 @@ class ServerChoice {
 
   // Begins with the server `current`, which is changed to the one that responds when others do not, and waits a moment
   // for its connection if it was lost. `stop` is that of the call. With `skips_full_servers`, a call goes to the next
-  // server also if IsServerFull(). The references must outlive the object.
-  ServerChoice(const std::vector<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock,
-               const std::stop_token& stop, bool skips_full_servers = false);
+  // server also if IsServerFull(), and a call to a server that has refused an earlier one has a new connection. The
+  // references must outlive the object.
+  ServerChoice(std::deque<Endpoint>& endpoints, std::atomic<size_t>& current, Clock& clock, const std::stop_token& stop,
+               bool skips_full_servers = false);
 
-  const Endpoint& endpoint() const { return endpoints_[index_]; }
+  Endpoint& endpoint() const { return endpoints_[index_]; }
   // Informs the object of a response of the server.
   void Responded();
   // Chooses the next server if `status` means that this server is unreachable. Each server is tried once without delay,
@@ -77,10 +59,12 @@ class ServerChoice {
   void Advance() { index_ = (index_ + 1) % endpoints_.size(); }
   bool IsRefusal(const absl::Status& status) const;
   bool NextWithRoom(const absl::Status& refusal);
+  // Prepares the connection for the next attempt.
+  void Prepare() const;
   // Waits a moment for the connection; in the last round the call waits itself, and its status has the cause.
   bool Connect() const;
 
-  const std::vector<Endpoint>& endpoints_;
+  std::deque<Endpoint>& endpoints_;
   std::atomic<size_t>& current_;
   Clock& clock_;
   const std::stop_token stop_;

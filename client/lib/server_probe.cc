@@ -31,7 +31,7 @@ std::string RandomBytes(size_t num_bytes) {
 absl::StatusOr<bool> ClientAccess::IsServing(Client& client) {
   using grpc::health::v1::HealthCheckResponse;
   const Client::Impl& impl = *client.impl_;
-  const auto health = grpc::health::v1::Health::NewStub(impl.endpoint().channel);
+  const auto health = grpc::health::v1::Health::NewStub(impl.endpoint().connection()->channel);
   grpc::ClientContext context;
   context.set_deadline(absl::ToChronoTime(absl::Now() + impl.options.call_timeout));
   HealthCheckResponse response;
@@ -47,7 +47,8 @@ absl::StatusOr<absl::Duration> ClientAccess::TimeUpload(Client& client, size_t n
   const absl::Time begin = absl::Now();
   context.set_deadline(absl::ToChronoTime(begin + timeout));
   v1::Model model;
-  const auto writer = impl.endpoint().models->UploadModel(&context, &model);
+  const std::shared_ptr<const Connection> connection = impl.endpoint().connection();
+  const auto writer = connection->models->UploadModel(&context, &model);
   v1::UploadModelRequest request;
   // The announced size is one byte more than is sent, so that the server refuses the file at its end, when it has
   // received and counted all bytes.

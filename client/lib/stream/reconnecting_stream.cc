@@ -88,9 +88,9 @@ AttemptOutcome ReconnectingStream::RunOnce() {
     if (has_new_token) ReportAttached();
     return callbacks_.on_position ? callbacks_.on_position(position, has_new_token) : absl::OkStatus();
   };
-  if (server().connect_now) server().connect_now();
+  const StreamServer::Stub stub = server().connect();
   if (server().auth_token) auth_token_ = server().auth_token();
-  StreamAttempt attempt(*server().stub, position_, feed_, callbacks, options_, attempt_options);
+  StreamAttempt attempt(*stub, position_, feed_, callbacks, options_, attempt_options);
   AttemptOutcome outcome = attempt.Run();
   fed_bytes_ = std::max(fed_bytes_, attempt.fed_bytes());
   if (outcome.was_attached) {
@@ -107,6 +107,7 @@ AttemptOutcome ReconnectingStream::RunOnce() {
 
 void ReconnectingStream::Observe(const AttemptOutcome& outcome) {
   const absl::Time now = clock().Now();
+  if (absl::IsResourceExhausted(outcome.status) && !outcome.was_attached) server().note_refusal();
   // The outage began at the end of the last stream that made progress.
   const bool has_lasted = outcome.was_attached && now - attached_at_ >= options_.retry.max_delay;
   if (outcome.made_progress || has_lasted) {

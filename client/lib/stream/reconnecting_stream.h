@@ -20,11 +20,14 @@
 namespace evpose::client {
 
 struct StreamServer {
+  using Stub = std::shared_ptr<v1::SessionService::StubInterface>;
+
   std::string name;
-  v1::SessionService::StubInterface* stub = nullptr;
   // Waits a moment for the connection of the channel, without the channel's own delay, because the loop has waited
-  // already. May be empty.
-  std::function<void()> connect_now = {};
+  // already. Returns the stub, which an attempt keeps until its end. After a refusal it has a new connection.
+  std::function<Stub()> connect;
+  // Is called when the server has refused a stream because it has no room for the session.
+  std::function<void()> note_refusal;
   // Returns the authentication token that a call would now send. May be empty: the token never changes.
   std::function<std::string()> auth_token = {};
 };

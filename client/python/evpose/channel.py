@@ -13,7 +13,7 @@ from typing import Any, Callable, Optional, Sequence, Union
 
 import grpc
 
-from evpose.errors import FailedPreconditionError, InvalidArgumentError, from_call
+from evpose.errors import EvposeError, FailedPreconditionError, InvalidArgumentError, from_call
 from evpose.files import read_file
 
 Token = Union[str, Callable[[], str]]
@@ -29,6 +29,8 @@ _OPTIONS = [
 ]
 
 _STOP_PERIOD_S = 0.05  # a request to stop ends a wait for a connection within it
+# Longest wait for a new connection to a server that has just responded: a few round trips of a long link, as TLS needs them.
+_NEW_CONNECTION_WAIT_S = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,20 +126,41 @@ def _serialize(message: Any) -> bytes:
     return bytes(message.SerializeToString())
 
 
-class Endpoint:
-    """One server."""
+@dataclasses.dataclass
+class _Connection:
+    channel: grpc.Channel
+    num_calls: int = 0  # that have not ended
 
-    def __init__(self, name: str, channel: grpc.Channel, token: TokenSource) -> None:
+
+class Endpoint:
+    """An address of a client. A load balancer of connections, such as a Service of Kubernetes, may choose another server for each
+    connection to it. `make_channel` returns a further channel, which shares no connection with others; None: `channel` remains the
+    only one. Thread-safe."""
+
+    def __init__(self, name: str, channel: grpc.Channel, token: TokenSource,
+                 make_channel: Optional[Callable[[], grpc.Channel]] = None) -> None:
         self.name = name
-        self.channel = channel
         self.token = token
+        self._make_channel = make_channel
+        self._lock = threading.Lock()
+        self._connection = _Connection(channel)
+        self._left: list[_Connection] = []  # earlier connections, whose calls may not have ended
+        self._has_refused = False
         self._is_unreachable = False  # a call did not reach the server, and the channel has not been connected since
         self._closed = threading.Event()
 
+    @property
+    def channel(self) -> grpc.Channel:
+        """The present channel."""
+        return self._connection.channel
+
     def close(self) -> None:
-        """Ends the calls, and closes the connection."""
+        """Ends the calls, and closes the connections."""
         self._closed.set()
-        self.channel.close()
+        with self._lock:
+            connections, self._left = [self._connection, *self._left], []
+        for connection in connections:
+            connection.channel.close()
 
     def mark_unreachable(self) -> None:
         """Informs the endpoint that a call did not reach its server."""
@@ -147,17 +170,48 @@ class Endpoint:
         """If a call did not reach the server, blocks until the channel is connected, for at most `longest_s` seconds or until `stop`.
         After a failed connection attempt a call does not wait for the next one, and gRPC processes an attempt only while a thread waits
         for the channel, and otherwise every 5 s."""
-        if not self._is_unreachable or self._closed.is_set():
+        if self._is_unreachable and self._becomes_ready(self.channel, longest_s, stop):
+            self._is_unreachable = False
+
+    def note_refusal(self) -> None:
+        """Informs the endpoint that a server has refused a session or a stream because it has no room for it."""
+        self._has_refused = True
+
+    def leave_after_refusal(self, stop: threading.Event) -> None:
+        """If a server has refused a session or a stream since the last call, replaces the connection by a new one, for which a load
+        balancer may choose a server with room. Blocks until it is connected, for at most 1 s or until `stop`. If it is not connected
+        then, the former connection remains. Calls keep the connection on which they began."""
+        if not self._has_refused or self._make_channel is None:
             return
-        ready = grpc.channel_ready_future(self.channel)
+        self._has_refused = False
+        try:
+            channel = self._make_channel()
+        except EvposeError:  # the files of TLS have become unreadable
+            return
+        if not self._becomes_ready(channel, _NEW_CONNECTION_WAIT_S, stop):
+            channel.close()
+            return
+        with self._lock:
+            self._left.append(self._connection)
+            self._connection = _Connection(channel)
+            is_closed = self._closed.is_set()
+        if is_closed:
+            self.close()
+
+    def _becomes_ready(self, channel: grpc.Channel, longest_s: float, stop: threading.Event) -> bool:
+        if self._closed.is_set():
+            return False
+        ready = grpc.channel_ready_future(channel)
         end = time.monotonic() + longest_s
-        while self._is_unreachable and time.monotonic() < end and not stop.is_set() and not self._closed.is_set():
+        is_ready = False
+        while not is_ready and time.monotonic() < end and not stop.is_set() and not self._closed.is_set():
             try:
                 ready.result(min(_STOP_PERIOD_S, longest_s))
-                self._is_unreachable = False
+                is_ready = True
             except grpc.FutureTimeoutError:
                 continue
         ready.cancel()
+        return is_ready
 
     @staticmethod
     def open(address: str, tls: Optional[Tls], token: TokenSource) -> Endpoint:
@@ -166,35 +220,61 @@ class Endpoint:
         host, _ = parse_address(address)
         if token.get() and tls is None and not _is_loopback(host):
             raise FailedPreconditionError(f"{address}: the token would travel through the network in clear: connect with tls=Tls(...)")
-        channel = (grpc.insecure_channel(address, _OPTIONS) if tls is None
-                   else grpc.secure_channel(address, _credentials(tls), _OPTIONS))
-        return Endpoint(address, channel, token)
+
+        def make_channel(*options: tuple[str, int]) -> grpc.Channel:
+            if tls is None:
+                return grpc.insecure_channel(address, [*_OPTIONS, *options])
+            return grpc.secure_channel(address, _credentials(tls), [*_OPTIONS, *options])
+
+        # Channels of this process with the same address and options use one connection, unless they have a pool of their own.
+        return Endpoint(address, make_channel(), token, lambda: make_channel(("grpc.use_local_subchannel_pool", 1)))
 
     def call(self, method: str, request: Any, response: Any, timeout_s: float) -> Any:
         """Makes a call with one request and one response. Raises EvposeError."""
-        return self._start(self.channel.unary_unary, method, request, response, timeout=timeout_s)
+        return self._start("unary_unary", method, request, response, timeout=timeout_s)
 
     def upload(self, method: str, requests: Any, response: Any, timeout_s: float) -> Any:
         """Makes a call with a stream of requests and one response. Raises EvposeError."""
-        return self._start(self.channel.stream_unary, method, requests, response, timeout=timeout_s)
+        return self._start("stream_unary", method, requests, response, timeout=timeout_s)
 
     def watch(self, method: str, request: Any, response: Any) -> Any:
         """Starts a call with one request and a stream of responses."""
-        return self._start(self.channel.unary_stream, method, request, response)
+        return self._start("unary_stream", method, request, response)
 
     def stream(self, method: str, requests: Any, response: Any, metadata: Sequence[tuple[str, str]] = ()) -> Any:
         """Starts a call with streams of both."""
-        return self._start(self.channel.stream_stream, method, requests, response, metadata)
+        return self._start("stream_stream", method, requests, response, metadata)
 
-    def _start(self, kind: Any, method: str, request: Any, response: Any, metadata: Sequence[tuple[str, str]] = (),
-               **settings: Any) -> Any:
+    def _start(self, kind: str, method: str, request: Any, response: Any, metadata: Sequence[tuple[str, str]] = (), **settings: Any) -> Any:
+        connection = self._begin_call()
+        is_running = False
         try:
-            return kind(method, _serialize, response.FromString)(
+            result = getattr(connection.channel, kind)(method, _serialize, response.FromString)(
                 request, metadata=[*(self.token.metadata() or ()), *metadata], **settings)
+            is_running = kind.endswith("_stream") and result.add_callback(lambda: self._end_call(connection))
+            return result
         except grpc.RpcError as error:
             raise (from_call(error, self.name) or error) from None
         except ValueError:  # of gRPC, for a closed channel
             raise FailedPreconditionError(f"{self.name}: the client was closed") from None
+        finally:
+            if not is_running:
+                self._end_call(connection)
+
+    def _begin_call(self) -> _Connection:
+        with self._lock:
+            connection = self._connection
+            connection.num_calls += 1
+            # Not in _end_call(), because the thread of a channel cannot close it.
+            unused = [each for each in self._left if each.num_calls == 0]
+            self._left = [each for each in self._left if each.num_calls > 0]
+        for each in unused:
+            each.channel.close()
+        return connection
+
+    def _end_call(self, connection: _Connection) -> None:
+        with self._lock:
+            connection.num_calls -= 1
 
 
 def explain_tls(address: str, tls: Optional[Tls], timeout_s: float) -> str:

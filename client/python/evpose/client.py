@@ -151,7 +151,9 @@ class Client:
         proposes, as long as these delays end within `max_wait_s` seconds from the start (0: never); then the last refusal is raised. A
         refusal without a delay by all servers, and TENANT_QUOTA, are raised at once. If a full server has refused the session,
         NOT_FOUND for the model from a later server is treated like a refusal: the next server is tried, because models may be stored at
-        some servers only. The default permits several delays of 5 s, which is what evpose-server proposes.
+        some servers only. The default permits several delays of 5 s, which is what evpose-server proposes. A server that has refused is
+        called again on a new connection, for which a load balancer of connections may choose another server; other calls and streams
+        that are under way continue.
 
         Raises InvalidArgumentError for a parameter, CancelledError if close() ended the wait, and EvposeError."""
         if not max_wait_s >= 0.0:

@@ -138,12 +138,12 @@ class ScriptedServer:
         except AssertionError as error:
             self.failures.append(repr(error))
 
-    def track(self, source, position=None, num_servers=1, token=None, outlives=True, **options):
-        """Starts a Track of the session sessions/1 with object "object", in FLAT64, at this server."""
+    def track(self, source, position=None, num_servers=1, token=None, outlives=True, address=None, **options):
+        """Starts a Track of the session sessions/1 with object "object", in FLAT64, at this server, or at `address`."""
         options.setdefault("retry", evpose.RetryOptions(max_outage_s=server.PATIENCE_S))
         options = evpose.TrackOptions(**options)
         position = position or TrackPosition("sessions/1", "token0")
-        self.endpoint = Endpoint.open(self.address, None, TokenSource(token))
+        self.endpoint = Endpoint.open(address or self.address, None, TokenSource(token))
         feed = EventFeed(source, evpose.Encoding.FLAT64, (640, 480), options.memory_bytes, options.is_live, position.durable,
                          options.retain, self.clock.now)
         if position.max_piece_bytes:
@@ -153,5 +153,5 @@ class ScriptedServer:
 
     def stop(self):
         if self.endpoint is not None:
-            self.endpoint.channel.close()
+            self.endpoint.close()
         self._server.stop(None).wait()

@@ -14,7 +14,7 @@ from unittest import mock
 
 import grpc
 from scripted_server import Fail, FakeClock, pose
-from testing import evpose
+from testing import Balancer, evpose
 
 from evpose.channel import Endpoint, TokenSource, explain_tls
 from evpose.client import Client
@@ -378,6 +378,60 @@ class ServersTest(unittest.TestCase):
             self.assertIn("the TLS files of this client cannot be used", explain_tls(self.first.address, tls, 1.0))
             with self.assertRaisesRegex(evpose.FailedPreconditionError, "check Tls.ca, Tls.certificate and Tls.key"):
                 evpose.connect(self.first.address, tls=tls, connect_timeout_s=0.1)
+
+
+class BalancedServersTest(unittest.TestCase):
+    """One address, behind which the connections go to two servers in turn. The first one has no room for a session."""
+
+    def setUp(self):
+        self.full, self.free = OneOfTwo(1), OneOfTwo(1)
+        self.balancer = Balancer(self.full.address, self.free.address)
+        for each in (self.full.stop, self.free.stop, self.balancer.close):
+            self.addCleanup(each)
+        self.clock = FakeClock()
+        self.endpoint = Endpoint.open(self.balancer.address, None, TokenSource(None))
+        self.client = Client(Servers([self.endpoint], True, 0, self.clock), 60.0)
+        self.addCleanup(self.client.close)
+        self.client.server_info()
+        self.assertEqual(self.full.take_calls(), ["GetServerInfo"])
+        self.full.failure = full("OVERLOADED")
+
+    def test_a_refused_session_is_created_at_the_server_of_a_new_connection(self):
+        self.client.create_session("models/1", CAMERA)
+        self.client.get_session("sessions/1")
+        self.assertEqual(self.clock.waits, [5.0])
+        self.assertEqual(self.full.take_calls(), ["CreateSession"])
+        self.assertEqual(self.free.take_calls(), ["CreateSession", "GetSession"])
+        self.assertEqual(self.endpoint._left, [], "the former connection is still open")
+
+    def test_the_call_after_a_refusal_has_a_new_connection(self):
+        with self.assertRaises(evpose.ResourceExhaustedError):
+            self.client.create_session("models/1", CAMERA, max_wait_s=0.0)
+        self.assertEqual(self.free.take_calls(), [])
+        self.client.create_session("models/1", CAMERA, max_wait_s=0.0)
+        self.assertEqual(self.free.take_calls(), ["CreateSession"])
+
+    def test_a_watcher_keeps_its_connection_while_a_session_is_refused(self):
+        ends = threading.Event()
+        self.addCleanup(ends.set)
+        self.full.failure = None
+        self.full.on_watched = ends.wait
+        with self.client.session("sessions/1").watch_poses() as watch:
+            self.assertEqual(next(watch).seq, 1)
+            self.full.failure = full("OVERLOADED")
+            self.client.create_session("models/1", CAMERA)
+            self.assertEqual(len(self.endpoint._left), 1)
+            ends.set()
+            self.assertEqual(list(watch), [])
+        self.assertEqual(self.full.take_calls(), ["GetSession", "WatchPoses", "CreateSession"])
+        self.client.server_info()
+        self.assertEqual(self.endpoint._left, [], "the former connection is still open")
+
+    def test_the_connection_remains_if_there_is_no_new_one(self):
+        self.balancer.refuse()
+        with self.assertRaisesRegex(evpose.ResourceExhaustedError, "gave up after 1 more tries in 5.0 s"):
+            self.client.create_session("models/1", CAMERA, max_wait_s=9.0)
+        self.assertEqual(self.full.take_calls(), ["CreateSession", "CreateSession"])
 
 
 if __name__ == "__main__":

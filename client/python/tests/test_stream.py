@@ -9,7 +9,7 @@ import unittest
 import crc32c
 import grpc
 from scripted_server import Fail, ScriptedServer, ack, attached, notice, pose, summary
-from testing import evpose, server
+from testing import Balancer, evpose, server
 
 A, B, C = (bytes([i]) * 16 for i in (1, 2, 3))
 UNAVAILABLE = Fail(grpc.StatusCode.UNAVAILABLE, "DRAINING")
@@ -352,6 +352,22 @@ class ResumptionTest(StreamTest):
             scripted = self.serve(refuses, refuses, accepts)
             self.assertEqual(list(scripted.track([], num_servers=num_servers)), [])
             self.assertEqual(scripted.clock.waits, waits)
+
+    def test_a_refused_stream_attaches_at_the_server_of_a_new_connection(self):
+        def refuses(stream):
+            stream.read("attach")
+            raise Fail(grpc.StatusCode.RESOURCE_EXHAUSTED, "TENANT_QUOTA", retry_in_s=7)
+            yield
+
+        def accepts(stream):
+            stream.read("attach")
+            yield from summary_at_once(stream)
+
+        at_quota, free = self.serve(refuses), self.serve(accepts)
+        balancer = Balancer(at_quota.address, free.address)
+        self.addCleanup(balancer.close)
+        self.assertEqual(list(at_quota.track([], address=balancer.address)), [])
+        self.assertEqual(at_quota.clock.waits, [7.0])
 
     def test_every_server_is_asked_for_the_session(self):
         def has_not(stream):

@@ -2,6 +2,7 @@
 """What the tests of the package share: the built package, and a relay that cuts connections. The option --bin DIR of each test is the
 directory of the build."""
 
+import itertools
 import pathlib
 import socket
 import subprocess
@@ -54,7 +55,8 @@ class Relay:
             except OSError:
                 return
             try:
-                far = server.connect(self.target) if self.target else None
+                target = self._choose()
+                far = server.connect(target) if target else None
             except OSError:
                 far = None
             if far is None:
@@ -65,6 +67,9 @@ class Relay:
                 self._connections += [near, far]
             for source, sink in ((near, far), (far, near)):
                 threading.Thread(target=self._forward, args=(source, sink), daemon=True).start()
+
+    def _choose(self):
+        return self.target
 
     @staticmethod
     def _forward(source, sink):
@@ -92,3 +97,17 @@ class Relay:
     def close(self):
         self._listener.close()
         self.cut()
+
+
+class Balancer(Relay):
+    """Forwards TCP connections to the targets in turn, as a Service of Kubernetes may do, until refuse() is called."""
+
+    def __init__(self, *targets):
+        self._targets = itertools.cycle(targets)
+        super().__init__(None)
+
+    def _choose(self):
+        return next(self._targets)
+
+    def refuse(self):
+        self._targets = itertools.repeat(None)

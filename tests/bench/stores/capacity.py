@@ -9,8 +9,8 @@ one with fewer streams relative to its weight gets the session; with --balance u
 server refuses the session if it is full or its load has been above --max-load for 5 s, and the client tries again 5 s later, when a server
 is drawn anew. In the middle of the run, servers are lost for the rest of it.
 
-Two assumptions differ from a real cell. Behind a Service, clients that keep their connection try again at the same server
-(deploy/README.md, Kubernetes), so that --balance uniform may give more cameras than such clients allow. And a real server with room accepts
+Two assumptions differ from a real cell. A Service chooses a server for each connection of a client (deploy/README.md, Kubernetes), not for
+each session, so that --balance uniform may give more cameras than clients with several sessions allow. And a real server with room accepts
 the sessions of lost servers at any load.
 
 A server has a backlog when its sessions need more processor time than its cores have. A session is *delayed* in each second that ends

@@ -129,7 +129,8 @@ class Client {
   // returns the last refusal. A refusal without RetryInfo by all servers, and TENANT_QUOTA, are returned at once. If
   // a full server has refused the session, NOT_FOUND for the model from a later server is treated like a refusal: the
   // next server is tried, because models may be stored at some servers only. The default permits several delays of 5 s,
-  // which is what evpose-server proposes.
+  // which is what evpose-server proposes. A server that has refused is called again on a new connection, for which a
+  // load balancer of connections may choose another server; other calls and streams that are under way continue.
   absl::StatusOr<Session> CreateSession(const SessionConfig& config, const std::string& request_id = "",
                                         absl::Duration max_wait = absl::Seconds(30), const std::stop_token& stop = {});
   // NOT_FOUND, also for a session of another tenant.

@@ -165,7 +165,7 @@ def _is_full(error: EvposeError) -> bool:
 
 class ServerChoice:
     """The servers that one call is made to, in turn, from the current one on. Used by one thread. With `skips_full`, a call goes to the
-    next server also if this one has no room for a session."""
+    next server also if this one has no room for a session, and a call to a server that has refused an earlier one has a new connection."""
 
     def __init__(self, servers: Servers, skips_full: bool = False) -> None:
         self._servers = servers
@@ -176,7 +176,7 @@ class ServerChoice:
         self._index = servers.current
         self._num_failed = 0  # attempts since the last response
         self._backoff = Backoff(RetryOptions())
-        servers.connect_again(self._index)
+        self._prepare()
 
     @property
     def endpoint(self) -> Endpoint:
@@ -219,6 +219,7 @@ class ServerChoice:
     def _next_with_room(self, refusal: EvposeError) -> bool:
         if _is_full(refusal):
             self._refusal = refusal
+            self.endpoint.note_refusal()
         if refusal.retry_in_s > 0.0:
             self._retry_in_s = min(self._retry_in_s, refusal.retry_in_s)
         self._num_refusals += 1
@@ -226,8 +227,13 @@ class ServerChoice:
         if self._num_refusals + self._num_failed >= count:  # each has been tried
             return False
         self._index = (self._index + 1) % count
-        self._servers.connect_again(self._index)
+        self._prepare()
         return True
+
+    def _prepare(self) -> None:
+        if self._skips_full:
+            self.endpoint.leave_after_refusal(self._servers.closed)
+        self._servers.connect_again(self._index)
 
     def final(self, error: EvposeError) -> EvposeError:
         """Returns the error of a call that is not repeated, with the servers that were tried: the refusal of a full server if there was

@@ -171,6 +171,7 @@ class Track:
 
     def _make_attempt(self) -> StreamAttempt:
         position, retry = self.position, self._options.retry
+        self._server.leave_after_refusal(self._stop)
         self._servers.connect_again(self._index, self._stop)
         self._auth_token = self._server.token.get()
         self._tokens = [token for token in (position.resume_token, position.previous_token) if token] + self._older_tokens
@@ -199,6 +200,8 @@ class Track:
         now = self._clock.now()
         if attempt.error is not None and is_unreachable(attempt.error):
             self._server.mark_unreachable()
+        if attempt.error is not None and attempt.error.code == "RESOURCE_EXHAUSTED" and not attempt.was_attached:
+            self._server.note_refusal()
         self._fed_bytes = max(self._fed_bytes, attempt.fed_bytes)
         if attempt.was_attached:
             self._token_age, self._attaches_from_first_pose = 0, False
