@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
 # Tests alerts, metrics and dashboard: Prometheus accepts them, Grafana's files are consistent, each alert fires when it should, and
-# alerts and panels use only metrics that the server has.
+# alerts, panels, manifests and documents name only metrics that the server has.
 #   tests/monitoring_test.sh EVPOSE_SERVER
 set -euo pipefail
 server=$(realpath "${1:?usage: $0 EVPOSE_SERVER}")
@@ -19,10 +19,14 @@ trap 'kill "$evpose_PID"; rm "$tokens"' EXIT
 read -r _ <&"${evpose[0]}"
 read -r _ _ address <&"${evpose[0]}"
 
-/usr/bin/python3 - "$address" <<'PYTHON'
+/usr/bin/python3 - "$address" "$server" <<'PYTHON'
 import json, pathlib, re, subprocess, sys, tempfile, urllib.request
 
 import yaml
+
+sys.path.insert(0, "../tests")
+from checks import poll
+from processes import Redis, Server
 
 page = urllib.request.urlopen(f"http://{sys.argv[1]}/metrics").read().decode()
 # OpenMetrics, as Prometheus asks for it: the parser of Prometheus's Python client is strict.
@@ -36,9 +40,16 @@ open_metrics = {sample.name for family in parser.text_string_to_metric_families(
 assert open_metrics == {name for name in re.findall(r"^(evpose_\w+)", page, re.M)}, "the two formats have different series"
 # Checks names and help texts against Prometheus's rules.
 subprocess.run(["promtool", "check", "metrics"], input=page, text=True, check=True)
-exported = set()
-for name, kind in re.findall(r"^# TYPE (\w+) (\w+)$", page, re.M):
+# Some metrics exist with Redis only, after the first check of the store.
+with tempfile.TemporaryDirectory() as folder, Redis(folder) as redis, Server(sys.argv[2], "--store", redis.url, store=None) as with_redis:
+    def page_with_redis():
+        text = with_redis.page("/metrics")[1]
+        return text if "evpose_store_cpu_seconds_total " in text else None
+    pages = page + poll(page_with_redis, "the processor time of Redis")
+exported, histograms = set(), set()
+for name, kind in re.findall(r"^# TYPE (\w+) (\w+)$", pages, re.M):
     exported |= {f"{name}_{part}" for part in ("bucket", "sum", "count")} if kind == "histogram" else {name}
+    histograms |= {name} if kind == "histogram" else set()
 
 def check(where, used):
     unknown = sorted(set(used) - exported)
@@ -50,6 +61,25 @@ dashboard = json.loads(pathlib.Path("grafana/evpose.json").read_text())
 charts = [panel for panel in dashboard["panels"] if panel["type"] != "row"]
 expressions = [target["expr"] for panel in charts for target in panel["targets"]]
 check("grafana/evpose.json", re.findall(r"\bevpose_\w+", " ".join(expressions)))
+
+# Manifests have the names of metrics and no other names with this prefix.
+for path in pathlib.Path("kubernetes").rglob("*.yaml"):
+    check(path, re.findall(r"\bevpose_\w+", path.read_text()))
+
+# Documents omit the prefix, and name a histogram without its parts. `_x` continues the name before it.
+exported |= histograms
+metrics_section = pathlib.Path("README.md").read_text().split("\n## Metrics\n")[1].split("\n## ")[0]
+num_named = 0
+for row in re.findall(r"^\| .*\? \| (.*)$", metrics_section, re.M):
+    spans = re.sub(r"\{[^}]*\}|\[\w+\]", "", " ".join(re.findall(r"`([^`]+)`", row)))
+    names = re.findall(r"(?<![\w-])[a-z]\w*\b(?!\()", spans)
+    check("the table of metrics in deploy/README.md", [f"evpose_{name}" for name in names])
+    num_named += len(names)
+assert num_named > 40, f"the table of metrics in deploy/README.md was not found: {num_named} names"
+for path in pathlib.Path("..").glob("[!.b]*/**/*.md"):
+    text = path.read_text()
+    check(path, [f"evpose_{name}" for name in re.findall(r"`([a-z]\w+_total)\b", text) if not name.startswith("evpose_")])
+    check(path, re.findall(r"\bevpose_\w+_(?:total|bytes|ratio|sessions|up)\b", text))
 
 ids = [panel["id"] for panel in dashboard["panels"]]
 assert len(ids) == len(set(ids)), "two panels have one id"
