@@ -102,7 +102,8 @@ TEST(CalibrationTarget, PolygonsAreSixPercentOfThePatternApart) {
     const std::vector<InkEdge> edges = EdgesOf(*target);
     for (const InkEdge& a : edges) {
       for (const InkEdge& b : edges) {
-        if (a.polygon != b.polygon) EXPECT_GE(DistanceMm(a, b), 0.06 * shorter_mm) << page;
+        if (a.polygon == b.polygon) continue;
+        EXPECT_GE(DistanceMm(a, b), 0.06 * shorter_mm) << page;
       }
     }
   }
@@ -126,8 +127,8 @@ TEST(CalibrationTarget, NearlyParallelEdgesAreSoFarApartThatTheirEventsAreNotMix
         const Eigen::Vector2d a = edges[i].Along(), b = edges[j].Along();
         const double sine = std::abs(a.x() * b.y() - a.y() * b.x());
         EXPECT_GT(sine, 0.007) << page << ": edges " << i << " and " << j << " are parallel";
-        if (sine <= 0.1)
-          EXPECT_GE(px_per_mm * DistanceMm(edges[i], edges[j]), apart_px) << page << " " << i << " " << j;
+        if (sine > 0.1) continue;
+        EXPECT_GE(px_per_mm * DistanceMm(edges[i], edges[j]), apart_px) << page << " " << i << " " << j;
       }
     }
   }
