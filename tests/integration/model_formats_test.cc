@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -21,6 +22,7 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 class ModelFormatsTest : public CliTest {};
 
@@ -115,6 +117,49 @@ TEST_F(ModelFormatsTest, TheSimulatorStatesTheSizesThatItTakes) {
 }
 
 // A cuboid with a line of 0.06 m that is drawn on one of its sides.
+TEST_F(ModelFormatsTest, EveryOptionOfASimulationAppliesToAModelFile) {
+  struct Option {
+    std::vector<std::string> words;
+    std::string line;  // of simulation.txt, which no simulation without the option has
+  };
+  const Option options[] = {
+      {{"--occluder"}, "scene.occluder.is_present 1\n"},
+      {{"--occluder-on-object"}, "scene.occluder.follows_object 1\n"},
+      {{"--moving-edge"}, "scene.background.has_moving_edge 1\n"},
+      {{"--textured-background"}, "scene.background.is_textured 1\n"},
+      {{"--textured-background", "--background-rectangles", "20"}, "scene.background.texture_rectangles 20\n"},
+      {{"--textured-background", "--background-speed", "100"}, "scene.background.texture_speed_px_per_s 100\n"},
+      {{"--flicker", "0.25"}, "scene.light.flicker_depth 0.25\n"},
+      {{"--light-change", "2"}, "scene.light.change_ratio 2\n"},
+      {{"--lens-blur", "1.5"}, "scene.lens_blur_px 1.5\n"},
+      {{"--speed", "2"}, "scene.motion.angular_speed_rad_per_s 1.6"},
+      {{"--view-angle", "10"}, "scene.motion.view_angle_rad 0.1745"},
+      {{"--motion", "bursts"}, "scene.motion.profile 2\n"},
+      {{"--noise", "0.25"}, "sensor.noise_ratio 0.25\n"},
+      {{"--background-activity", "5"}, "sensor.shot_noise_hz 5\n"},
+      {{"--hot-pixels", "7"}, "sensor.hot_pixel_ratio 2.278"},
+      {{"--flood", "5"}, "sensor.flood_hz 5000000\n"},
+      {{"--threshold", "0.5"}, "sensor.threshold_on 0.5\n"},
+      {{"--threshold-off", "0.5"}, "sensor.threshold_off 0.5\n"},
+      {{"--bandwidth", "500"}, "sensor.bandwidth_hz 500\n"},
+      {{"--refractory", "300"}, "sensor.refractory_us 300\n"},
+  };
+  SimulateCube(0.001);
+  const auto simulate = [this](const std::vector<std::string>& words) {
+    std::vector<std::string> all = {
+        "simulate", "--model", Path("cube/model.obj"), "--camera", "vga", "--duration", "0.001", "--out", Path("part")};
+    all.insert(all.end(), words.begin(), words.end());
+    const CliResult result = Run(all);
+    EXPECT_EQ(result.status, 0) << result.err;
+    return ReadText("part/simulation.txt");
+  };
+  const std::string usual = simulate({});
+  for (const auto& [words, line] : options) {
+    EXPECT_THAT(usual, Not(HasSubstr("\n" + line))) << words.back();
+    EXPECT_THAT(simulate(words), HasSubstr("\n" + line)) << words.back();
+  }
+}
+
 TEST_F(ModelFormatsTest, AnInspectionWarnsOfNearSymmetries) {
   WriteText(
       "bar.obj",
