@@ -182,6 +182,17 @@ TEST_F(EndReportTest, AnObjectThatHardlyMoves) {
   EXPECT_THAT(replay.out, HasSubstr("no pose found: not enough motion"));
 }
 
+TEST_F(EndReportTest, AModelOfAnotherObject) {
+  Record(*MakeCube(0.15), kVga,
+         ConstantTwist(MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2}), TwistOf(0.3, 0.15, 0.05, 0.5, 0.3, 0.6)),
+         {.duration_us = 300'000});
+  WriteText("model.obj", "v 0 0 0\nv 0.3 0 0\nv 0.3 0.02 0\nv 0 0.02 0\nf 1 2 3 4\n");
+  const CliResult replay = Replay("poses.csv", {});
+  EXPECT_EQ(replay.status, 1);
+  EXPECT_THAT(replay.out, ContainsRegex("no pose found: no pose fits the edges in the events .*; are the model, its "
+                                        "scale and the camera the right ones\\?"));
+}
+
 TEST_F(EndReportTest, AnObjectThatLeavesTheImage) {
   Record(*MakeCube(0.15), kVga,
          ConstantTwist(MakePose({0.02, -0.01, 0.6}, {0.6, 0.5, 0.2}), TwistOf(3.0, 0, 0, 0, 0, 0)),
