@@ -4,8 +4,9 @@
 
 Each row is the mean over the objects: event rate, error of the position as a share of the distance, error of the rotation, share of the
 time with a good pose. From the true first pose, a VGA camera, 0.3 s each. The event rate control is emulated: the events of each millisecond
-beyond the limit are dropped at random. --delay instead measures how long after the motion a pose arrives, by the period of the camera's
-packets, with a server in real time. Needs a release build; a few minutes, the delay 20 s.
+beyond the limit are dropped at random. The anti-flicker filter is emulated from its public description (anti_flicker()). --delay instead
+measures how long after the motion a pose arrives, by the period of the camera's packets, with a server in real time. Needs a release build;
+a few minutes, the delay 20 s.
 """
 import argparse
 import csv
@@ -27,8 +28,11 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 OBJECTS = ("cube", "book")
 SPEED = ("--speed", "2")
 TEXTURE = ("--textured-background",)
+DURATION_S, SETTLING_S = 0.3, 0.1
 
-# Setting, value, options of the simulation, limit of the event rate control in Mev/s.
+# Setting, value, options of the simulation, and what is emulated: the limit of the event rate control in Mev/s, or AFK, the anti-flicker
+# filter.
+AFK = "anti-flicker"
 SETTINGS = [
     ("default", "", (), None),
     ("threshold (bias_diff_on, bias_diff_off)", "0.1", ("--threshold", "0.1"), None),
@@ -48,6 +52,10 @@ SETTINGS = [
     ("flicker, no anti-flicker filter: depth", "10 %", ("--flicker", "0.1"), None),
     ("", "30 %", ("--flicker", "0.3"), None),
     ("", "60 %", ("--flicker", "0.6"), None),
+    ("anti-flicker filter: depth of the flicker", "0 %", (), AFK),
+    ("", "10 %", ("--flicker", "0.1"), AFK),
+    ("", "30 %", ("--flicker", "0.3"), AFK),
+    ("", "60 %", ("--flicker", "0.6"), AFK),
     ("textured background, event rate control", "off", TEXTURE, None),
     ("", "1 Mev/s", TEXTURE, 1.0),
     ("", "0.3 Mev/s", TEXTURE, 0.3),
@@ -80,6 +88,59 @@ def limit_rate(raw, mev_per_s, seed):
     return raw[:begin] + words[~is_dropped].tobytes()
 
 
+# The anti-flicker filter of Prophesee's sensors, as far as OpenEB (i_antiflicker_module.h) and the manual of the sensors describe it: the
+# regions, the band (Hz), and the numbers of successive periodic bursts that start and stop it, with OpenEB's defaults.
+REGION_PX, BAND_HZ, START_BURSTS, STOP_BURSTS = 4, (50, 520), 6, 4
+
+
+def burst_times_us(t, p):
+    """The begins of the bursts in the events of a region. How the sensor tells bursts apart is not published: here a burst begins with an ON
+    event after an OFF event, at least half of the shortest period after the burst before."""
+    bursts = []
+    for begin in t[np.diff(p.astype(np.int64), prepend=0) == 1]:
+        if not bursts or begin - bursts[-1] >= 0.5e6 / BAND_HZ[1]:
+            bursts.append(begin)
+    return bursts
+
+
+def filtered_spans_us(bursts):
+    """When the filter is active: a burst after a period in the band counts up, another one down, and a pause longer than any period clears."""
+    spans, count, begin = [], 0, None
+    for before, burst in zip(bursts, bursts[1:]):
+        period = burst - before
+        if period > 1e6 / BAND_HZ[0]:
+            count = 0
+            if begin is not None:
+                spans.append((begin, before + 1e6 / BAND_HZ[0]))
+                begin = None
+            continue
+        count = min(START_BURSTS, count + 1) if period >= 1e6 / BAND_HZ[1] else max(0, count - 1)
+        if begin is None and count >= START_BURSTS:
+            begin = burst
+        if begin is not None and count < STOP_BURSTS:
+            spans.append((begin, burst))
+            begin = None
+    return spans if begin is None else [*spans, (begin, bursts[-1] + 1e6 / BAND_HZ[0])]
+
+
+def anti_flicker(dat, begin_us):
+    """Returns a DAT file without the events of regions that flicker, and without those before a time."""
+    begin = 0
+    while dat[begin:begin + 1] == b"%":
+        begin = dat.index(b"\n", begin) + 1
+    begin += 2  # type and size of the events
+    events = np.frombuffer(dat[begin:], dtype=[("t", "<u4"), ("address", "<u4")])
+    x, y, p = events["address"] & 0x3FFF, events["address"] >> 14 & 0x3FFF, events["address"] >> 28 & 1
+    region = (y // REGION_PX).astype(np.int64) << 16 | x // REGION_PX
+    order = np.argsort(region, kind="stable")
+    keep = events["t"] >= begin_us
+    for part in np.split(order, np.flatnonzero(np.diff(region[order])) + 1):
+        t = events["t"][part].astype(np.int64)
+        for from_us, to_us in filtered_spans_us(burst_times_us(t, p[part])):
+            keep[part[(t >= from_us) & (t < to_us)]] = False
+    return dat[:begin] + events[keep].tobytes()
+
+
 def times_us(kind, content):
     """The time of each word: the high part wraps at 2^24, which a recording does not reach twice. The low part counts from its first
     word after a change of the high part."""
@@ -95,30 +156,44 @@ def times_us(kind, content):
     return high * 4096 + np.where(low >= change, value(low), 0)
 
 
-def scene_of(evpose, directory, name, options):
-    simulate(evpose, directory, "--object", name, "--camera", "vga", "--duration", "0.3", "--seed", "3", *SPEED, *options)
+def scene_of(evpose, directory, name, options, duration_s=DURATION_S):
+    simulate(evpose, directory, "--object", name, "--camera", "vga", "--duration", duration_s, "--seed", "3", *SPEED, *options)
     return directory
 
 
-def measure(evpose, name, options, limit):
+def write_filtered(evpose, scene):
+    """Returns the recording behind the anti-flicker filter, as a DAT file. The filter has been active for SETTLING_S: recording and truth
+    of the scene begin so much later."""
+    run_evpose(evpose, "convert", scene / "recording.raw", scene / "all.dat")
+    lines = (scene / "truth.tum").read_text(encoding="ascii").splitlines(keepends=True)
+    begin_s = next(float(line.split()[0]) for line in lines if not line.startswith("#")) + SETTLING_S
+    (scene / "truth.tum").write_text("".join(line for line in lines if line.startswith("#") or float(line.split()[0]) >= begin_s),
+                                     encoding="ascii")
+    recording = scene / "filtered.dat"
+    recording.write_bytes(anti_flicker((scene / "all.dat").read_bytes(), 1e6 * begin_s))
+    return recording
+
+
+def measure(evpose, name, options, emulated):
     with tempfile.TemporaryDirectory() as folder:
-        scene = scene_of(evpose, pathlib.Path(folder, "scene"), name, options)
-        recording = scene / "recording.raw"
-        if limit is not None:
-            recording.write_bytes(limit_rate(recording.read_bytes(), limit, seed=1))
+        has_filter = emulated == AFK
+        scene = scene_of(evpose, pathlib.Path(folder, "scene"), name, options, DURATION_S + (SETTLING_S if has_filter else 0.0))
+        recording = write_filtered(evpose, scene) if has_filter else scene / "recording.raw"
+        if emulated is not None and not has_filter:
+            recording.write_bytes(limit_rate(recording.read_bytes(), emulated, seed=1))
         info = json.loads(run_evpose(evpose, "info", recording, "--json"))
         inputs = ("--model", scene / "model.obj", "--camera", scene / "camera.yaml")
         poses = scene / "poses.tum"
         subprocess.run([evpose, "replay", recording, *inputs, "--out", poses, "--init-pose", first_pose(scene)], check=False, capture_output=True)
         table = json.loads(run_evpose(evpose, "evaluate", "--truth", scene / "truth.tum", *inputs, "--symmetric", "--estimate", poses, "--json"))
         row = table["estimates"][0]
-        return (info["cd_events"] / 0.3e6, 100 * row["position_rmse_of_depth"], row["rotation_mean_deg"], 100 * row["coverage_ratio"])
+        return (info["cd_events"] / (1e6 * DURATION_S), 100 * row["position_rmse_of_depth"], row["rotation_mean_deg"], 100 * row["coverage_ratio"])
 
 
 def print_settings(evpose):
     print("| setting | value | Mev/s | position, % of the distance | rotation, deg | good poses, % of the time |\n" + "| --- " * 6 + "|")
-    for setting, value, options, limit in SETTINGS:
-        rows = [measure(evpose, name, options, limit) for name in OBJECTS]
+    for setting, value, options, emulated in SETTINGS:
+        rows = [measure(evpose, name, options, emulated) for name in OBJECTS]
         rate, position, rotation, cover = (statistics.mean(column) for column in zip(*rows))
         print(f"| {setting} | {value} | {rate:.2f} | {position:.3f} | {rotation:.2f} | {cover:.1f} |", flush=True)
 

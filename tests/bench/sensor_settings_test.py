@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The emulated event rate control and the packets of sensor_settings.py, on words of EVT3."""
+"""The emulated event rate control and anti-flicker filter and the packets of sensor_settings.py, on words of EVT3 and DAT."""
 import unittest
 
 import numpy as np
-from sensor_settings import limit_rate, packets_of, times_us
+from sensor_settings import anti_flicker, limit_rate, packets_of, times_us
 
 HEADER = b"% format EVT3;height=480;width=640\n% end\n"
 
@@ -29,7 +29,39 @@ def num_events(raw):
     return int((words >> 12 == 2).sum()) + sum(int(word & 0xFFF).bit_count() for word in words[words >> 12 == 4])
 
 
+def dat_of(events):
+    """A DAT file of events (t, x, y, p)."""
+    records = np.array([(t, p << 28 | y << 14 | x) for t, x, y, p in sorted(events)], dtype=[("t", "<u4"), ("address", "<u4")])
+    return b"% Data file\n% Version 2\n\x0c\x08" + records.tobytes()
+
+
+def flicker(hz, x, duration_us=300_000):
+    """Two ON and two OFF events of a pixel in each period."""
+    period = 1_000_000 // hz
+    return [(begin + step, x, 9, p) for begin in range(0, duration_us, period)
+            for step, p in ((0, 1), (100, 1), (period // 2, 0), (period // 2 + 100, 0))]
+
+
+def times_after_filter(events, begin_us=0):
+    header = len(dat_of([]))
+    return np.frombuffer(anti_flicker(dat_of(events), begin_us)[header:], dtype="<u4")[::2].tolist()
+
+
 class SensorSettingsTest(unittest.TestCase):
+    def test_the_filter_removes_flicker_of_its_band_from_the_seventh_burst_on(self):
+        for hz, is_removed in ((40, False), (100, True), (400, True), (1000, False)):
+            times = times_after_filter(flicker(hz, x=9))
+            if is_removed:
+                self.assertEqual(max(times), 6 * (1_000_000 // hz) - (1_000_000 // hz) // 2 + 100, hz)
+            else:
+                self.assertEqual(times, sorted(t for t, *_ in flicker(hz, x=9)), hz)
+
+    def test_the_filter_acts_on_a_region_and_ends_with_the_flicker(self):
+        edge = [(200_000, 200, 9, 1), (200_100, 200, 9, 1)]  # another region
+        later = [(400_000, 9, 9, 1), (400_100, 9, 9, 0)]
+        times = times_after_filter(flicker(100, x=9) + edge + later, begin_us=100_000)
+        self.assertEqual(times, [200_000, 200_100, 400_000, 400_100])
+
     def test_the_limit_keeps_its_share_of_each_millisecond(self):
         raw = recording(50, 200)
         self.assertEqual(num_events(raw), 50 * 200)
