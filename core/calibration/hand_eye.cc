@@ -46,6 +46,11 @@ constexpr double kUncorrelated = 0.1;
 constexpr double kLargeError = 0.05;
 // Outliers are reported if they are more than one in this number of poses. By chance there are 3e-7 (kOutlier2).
 constexpr int kPosesPerOutlier = 20;
+// Residuals above this share of the motion do not explain it; motions below these (metres, radians) may be noise.
+constexpr double kUnexplained = 0.5;
+constexpr double kLeastMotionM = 0.01, kLeastMotionRad = 0.02;
+// Factors of the reference's translations beyond it, or below its inverse, are another unit and no wrong model.
+constexpr double kOtherUnit = 2.0;
 // Two fits have the same offset if their offsets differ by less than this, seconds. It is half of the interval over
 // which time_offset.cc measures the motion.
 constexpr double kSameOffsetS = 0.05;
@@ -309,6 +314,35 @@ void AddWarnings(const HandEyeFree& free, const HandEyeOptions& options, HandEye
   }
 }
 
+// Compares the residuals with the motion of the poses, both of one axis.
+void CheckMotion(const HandEyeFit& fit, HandEye& result) {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero(), square = Eigen::Vector3d::Zero();
+  for (const HandEyePair& pair : fit.pairs) {
+    mean += pair.camera_from_object.translation_m;
+    square += pair.camera_from_object.translation_m.cwiseAbs2();
+  }
+  const auto n = static_cast<double>(fit.pairs.size());
+  const double motion_m = std::sqrt(std::max(0.0, (square / n - (mean / n).cwiseAbs2()).sum() / 3.0));
+  const double motion_rad = std::hypot(result.axes_rad[0], result.axes_rad[1], result.axes_rad[2]) / std::sqrt(3.0);
+  const bool has_positions = motion_m < kLeastMotionM || fit.position_scale_m <= kUnexplained * motion_m;
+  const bool has_rotations = motion_rad < kLeastMotionRad || fit.rotation_scale_rad <= kUnexplained * motion_rad;
+  result.explains_motion = has_positions && has_rotations;
+  if (result.explains_motion) return;
+  const std::optional<double> factor = ReferenceScale(fit.pairs);
+  if (factor && (*factor > kOtherUnit || *factor < 1.0 / kOtherUnit)) {
+    result.warnings.push_back(
+        absl::StrFormat("the poses move %.3g times as far as the reference: both must be in metres, and so must the "
+                        "model of the object",
+                        *factor));
+    return;
+  }
+  result.warnings.push_back(absl::StrFormat(
+      "the residuals of %.3g mm and %.2f deg are as large as the motion of %.3g mm and %.1f deg: are both trajectories "
+      "of the same motion, in metres, with quaternions in the order x y z w, and is the mount right?",
+      1e3 * fit.position_scale_m, fit.rotation_scale_rad * kDegreesPerRadian, 1e3 * motion_m,
+      motion_rad * kDegreesPerRadian));
+}
+
 // Returns at most `max_poses` of the poses, at equal steps of the index.
 Trajectory Thinned(const Trajectory& poses, int max_poses) {
   const size_t stride = (poses.size() + static_cast<size_t>(max_poses) - 1) / static_cast<size_t>(max_poses);
@@ -324,7 +358,8 @@ absl::StatusOr<std::vector<double>> Offsets(const Trajectory& poses, const Traje
   if (found.empty() || found.front().correlation < options.min_correlation) {
     return absl::FailedPreconditionError(absl::StrFormat(
         "no time offset was found: at the best one the speeds of both trajectories have a correlation of %.2f, and "
-        "%.2f is needed; do both show the same motion, with pauses or changes of speed? Otherwise give the offset",
+        "%.2f is needed; do both show the same motion, with times in seconds, and with pauses or changes of speed? "
+        "Otherwise give the offset",
         found.empty() ? 0.0 : found.front().correlation, options.min_correlation));
   }
   std::vector<double> offsets;
@@ -399,9 +434,10 @@ Trajectory HandEye::Aligned(const Trajectory& reference) const {
 absl::StatusOr<HandEye> SolveHandEye(const Trajectory& camera_from_object, const Trajectory& reference,
                                      const HandEyeOptions& options) {
   EVPOSE_RETURN_IF_ERROR(options.Validate());
-  if (camera_from_object.size() < 2 || reference.size() < 2) {
-    return absl::FailedPreconditionError(absl::StrCat("both trajectories need two poses at least; they have ",
-                                                      camera_from_object.size(), " and ", reference.size()));
+  if (static_cast<int64_t>(camera_from_object.size()) < options.min_poses || reference.size() < 2) {
+    return absl::FailedPreconditionError(
+        absl::StrFormat("at least %d poses and 2 of the reference are needed; there are %d and %d", options.min_poses,
+                        camera_from_object.size(), reference.size()));
   }
   const HandEyeFree free{.transforms = !options.has_same_frames, .offset = !options.time_offset_s};
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> offsets, Offsets(camera_from_object, reference, options));
@@ -410,8 +446,8 @@ absl::StatusOr<HandEye> SolveHandEye(const Trajectory& camera_from_object, const
   if (fits.empty()) {
     return absl::FailedPreconditionError(
         absl::StrFormat("fewer than %d poses have a reference at their times; with the offset the reference spans %.3f "
-                        "to %.3f s of the "
-                        "sensor's clock, the poses %.3f to %.3f s",
+                        "to %.3f s of the sensor's clock, the poses %.3f to %.3f s; the offset is the clock of the "
+                        "reference minus that of the sensor, and without one it is estimated from the motion",
                         options.min_poses, reference.front().t_us * 1e-6 - offsets.front(),
                         reference.back().t_us * 1e-6 - offsets.front(), camera_from_object.front().t_us * 1e-6,
                         camera_from_object.back().t_us * 1e-6));
@@ -424,6 +460,7 @@ absl::StatusOr<HandEye> SolveHandEye(const Trajectory& camera_from_object, const
   AddResiduals(best, result);
   result.axes_rad = AxesOf(best.pairs);
   AddWarnings(free, options, result);
+  if (free.transforms) CheckMotion(best, result);
   return result;
 }
 

@@ -69,6 +69,8 @@ struct HandEye {
   // kAuto: residuals of the other mount over those of this one; 1 means undecided.
   std::optional<double> other_mount_ratio;
   bool has_second_axis = true;  // false: the reference turns about one axis only, which determines no transform
+  // False: the residuals are as large as the motion, as of poses of something else or in another unit.
+  bool explains_motion = true;
   std::vector<std::string> warnings;
 
   // The reference as camera_from_object on the sensor's clock.

@@ -119,6 +119,53 @@ RigidTransform RightTransform(const std::vector<HandEyePair>& pairs, const Rigid
   return {NearestRotation(sum), {UpperMedian(positions[0]), UpperMedian(positions[1]), UpperMedian(positions[2])}};
 }
 
+// The positions of the poses as left.t + left.R G.R right.t + factor left.R G.t, which are linear in the unknowns
+// left.t, right.t and the factor: it and its standard error, and the median residual.
+struct PositionFit {
+  double factor = 1.0;
+  double factor_error = 0.0;
+  double residual_m = 0.0;
+};
+
+PositionFit FitPositions(const std::vector<HandEyePair>& pairs, const Eigen::Matrix3d& left) {
+  using Matrix7d = Eigen::Matrix<double, 7, 7>;
+  double unit = 1e-12;  // of the reference's positions, so that all unknowns are of the order of one
+  for (const HandEyePair& pair : pairs) unit = std::max(unit, pair.reference.pose.translation_m.norm());
+  std::vector<double> residuals(pairs.size(), 0.0);
+  PositionFit fit;
+  for (int i = 0; i < kReweightings; ++i) {
+    std::vector<double> sorted = residuals;
+    const double scale = std::max(1e-12, 2.0 * UpperMedian(sorted));
+    Matrix7d h = Matrix7d::Zero();
+    Eigen::Matrix<double, 7, 1> g = Eigen::Matrix<double, 7, 1>::Zero();
+    Eigen::Matrix<double, 3, 7> row;
+    row.leftCols<3>().setIdentity();
+    const auto set_row = [&](const RigidTransform& reference) {
+      row.middleCols<3>(3) = left * reference.rotation;
+      row.col(6) = left * reference.translation_m / unit;
+    };
+    for (size_t k = 0; k < pairs.size(); ++k) {
+      set_row(pairs[k].reference.pose);
+      const double weight = 1.0 / (1.0 + residuals[k] * residuals[k] / (scale * scale));
+      h += weight * row.transpose() * row;
+      g += weight * row.transpose() * pairs[k].camera_from_object.translation_m;
+    }
+    h += 1e-9 * h.trace() * Matrix7d::Identity();  // keeps unknowns without information at zero
+    const Eigen::Matrix<double, 7, 1> unknowns = h.ldlt().solve(g);
+    for (size_t k = 0; k < pairs.size(); ++k) {
+      set_row(pairs[k].reference.pose);
+      residuals[k] = (pairs[k].camera_from_object.translation_m - row * unknowns).norm();
+    }
+    sorted = residuals;
+    fit.residual_m = UpperMedian(sorted);
+    fit.factor = unknowns(6) / unit;
+    // As if there were 20 independent poses: successive errors are correlated.
+    const double information = h.inverse()(6, 6) * static_cast<double>(pairs.size()) / 20.0;
+    fit.factor_error = fit.residual_m * std::sqrt(information) / unit;
+  }
+  return fit;
+}
+
 // The time between the poses before and after t_us; 0 if there is none before or none after.
 int64_t GapAt(const Trajectory& trajectory, int64_t t_us) {
   const auto after = std::lower_bound(trajectory.begin(), trajectory.end(), t_us,
@@ -185,6 +232,20 @@ HandEyeResidual ResidualOf(const HandEyePair& pair, const HandEyeState& state) {
   j.block<3, 1>(3, 12) = left * angular;
   j = -j;
   return residual;
+}
+
+std::optional<double> ReferenceScale(const std::vector<HandEyePair>& pairs) {
+  std::vector<RelativeMotion> motions = RelativeMotions(pairs);
+  if (motions.empty()) return std::nullopt;
+  const PositionFit fit = FitPositions(pairs, LeftRotation(motions));
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const HandEyePair& pair : pairs) mean += pair.camera_from_object.translation_m;
+  mean /= static_cast<double>(pairs.size());
+  std::vector<double> motion;
+  for (const HandEyePair& pair : pairs) motion.push_back((pair.camera_from_object.translation_m - mean).norm());
+  const bool is_determined = fit.factor_error < 0.1 * std::abs(fit.factor);
+  const bool fits = fit.residual_m < 0.2 * UpperMedian(motion);
+  return is_determined && fits ? std::optional(fit.factor) : std::nullopt;
 }
 
 void StartHandEye(const std::vector<HandEyePair>& pairs, HandEyeState& state) {

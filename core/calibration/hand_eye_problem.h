@@ -64,4 +64,8 @@ HandEyeResidual ResidualOf(const HandEyePair& pair, const HandEyeState& state);
 // Start of the iteration: `left` from relative motions, then `right`. The offset of the state is not changed.
 void StartHandEye(const std::vector<HandEyePair>& pairs, HandEyeState& state);
 
+// The factor for the translations of the reference with which they fit the poses best: 0.001 for a reference in
+// millimetres. nullopt if the poses do not determine it, or if no factor fits.
+std::optional<double> ReferenceScale(const std::vector<HandEyePair>& pairs);
+
 }  // namespace evpose

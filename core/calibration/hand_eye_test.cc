@@ -142,6 +142,29 @@ TEST(HandEyeTest, OneAxisIsReported) {
   EXPECT_LT(ErrorOf(result->Predict(cell.Tool(4.0)), cell.CameraFromObject(4.0)), 2e-3);
 }
 
+// The same numbers in millimetres, and quaternions w x y z that were read as x y z w.
+TEST(HandEyeTest, AReferenceOfAnotherUnitOrAnotherMotionIsReported) {
+  for (const HandEyeMount mount : {HandEyeMount::kBeside, HandEyeMount::kInHand}) {
+    const RobotCell cell{.mount = mount, .duration_s = 8.0, .noise_m = 1e-3, .noise_rad = 3e-3};
+    Trajectory millimetres = cell.Robot(), permuted = cell.Robot();
+    for (StampedPose& pose : millimetres) pose.camera_from_object.translation_m *= 1000.0;
+    for (StampedPose& pose : permuted) {
+      const Eigen::Quaterniond q = pose.camera_from_object.Quaternion();
+      pose.camera_from_object.rotation = Eigen::Quaterniond(q.z(), q.w(), q.x(), q.y()).toRotationMatrix();
+    }
+    const HandEyeOptions options{.mount = mount, .time_offset_s = cell.offset_s, .max_poses = 300};
+    const auto unit = SolveHandEye(cell.Poses(), millimetres, options);
+    ASSERT_TRUE(unit.ok()) << unit.status();
+    EXPECT_FALSE(unit->explains_motion);
+    EXPECT_THAT(unit->warnings, ::testing::Contains(HasSubstr("the poses move 0.001 times as far as the reference")));
+    const auto order = SolveHandEye(cell.Poses(), permuted, options);
+    ASSERT_TRUE(order.ok()) << order.status();
+    EXPECT_FALSE(order->explains_motion);
+    EXPECT_THAT(order->warnings, ::testing::Contains(HasSubstr("with quaternions in the order x y z w, and")));
+    EXPECT_TRUE(SolveHandEye(cell.Poses(), cell.Robot(), options)->explains_motion);
+  }
+}
+
 TEST(HandEyeTest, AGivenOffsetIsKept) {
   const RobotCell cell{.offset_s = -0.25};
   const auto result = SolveHandEye(cell.Poses(), cell.Robot(), {.time_offset_s = -0.25});
@@ -187,7 +210,7 @@ TEST(HandEyeTest, GapsAreNotInterpolated) {
 
 TEST(HandEyeTest, ErrorsSayWhatIsMissing) {
   const RobotCell cell{};
-  EXPECT_THAT(SolveHandEye({}, cell.Robot()).status().message(), HasSubstr("need two poses"));
+  EXPECT_THAT(SolveHandEye({}, cell.Robot()).status().message(), HasSubstr("there are 0 and 31"));
   EXPECT_THAT(SolveHandEye(cell.Poses(), cell.Robot(), {.time_offset_s = 0.0}).status().message(),
               HasSubstr("fewer than 12 poses have a reference"));
   const RobotCell other{.axes = {0.1, 2.0, 0.3}, .duration_s = 20.0};
