@@ -256,7 +256,7 @@ class ClusterProxy:
             options = haproxy_files(["common.cfg", "cluster.cfg"], directory, cluster_changes(front, counts, addresses))
             self.process = subprocess.Popen([HAPROXY, "-db", *options], pass_fds=[front.fileno(), counts.fileno()], stdout=subprocess.DEVNULL,
                                             stderr=subprocess.DEVNULL)
-            self.address = f"127.0.0.1:{front.getsockname()[1]}"
+            self.address, self.metrics_address = (f"127.0.0.1:{each.getsockname()[1]}" for each in (front, counts))
 
     def __enter__(self):
         return self
