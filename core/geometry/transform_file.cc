@@ -52,9 +52,11 @@ absl::StatusOr<RigidTransform> FromRotationMatrix(const Eigen::Matrix3d& matrix,
 
 absl::StatusOr<RigidTransform> FromNumbers(const std::vector<double>& v) {
   if (v.size() == 7) return MakeRigidTransform({v[0], v[1], v[2]}, Eigen::Quaterniond(v[6], v[3], v[4], v[5]));
-  if (v.size() == 8) {
-    return absl::InvalidArgumentError(
-        "has 8 numbers, as a line of a trajectory; a constant transform has no time: give tx ty tz qx qy qz qw");
+  if (v.size() != 16 && v.size() % 8 == 0 && !v.empty()) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "has ", v.size(),
+        " numbers, as a trajectory with 8 in a line; a constant transform has no time: give tx ty tz qx qy qz "
+        "qw"));
   }
   if (v.size() != 16) return absl::InvalidArgumentError(absl::StrCat("has ", v.size(), " numbers; ", kForms));
   if (v[12] != 0.0 || v[13] != 0.0 || v[14] != 0.0 || v[15] != 1.0) {
@@ -195,8 +197,10 @@ absl::StatusOr<NamedTransform> ParseTransform(const std::string& text, const std
 }
 
 absl::StatusOr<NamedTransform> ReadTransformFile(const std::string& path) {
-  EVPOSE_ASSIGN_OR_RETURN(const std::string text, ReadFile(path, kMaxTransformBytes));
-  return ParseTransform(text, path);
+  const absl::StatusOr<std::string> text = ReadFile(path, kMaxTransformBytes);
+  if (text.ok()) return ParseTransform(*text, path);
+  if (text.status().code() != absl::StatusCode::kInvalidArgument) return text.status();
+  return absl::InvalidArgumentError(absl::StrCat(text.status().message(), ", and is no transform; ", kForms));
 }
 
 std::string TransformToYaml(const RigidTransform& target_from_source, const std::string& target,

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "absl/strings/str_replace.h"
+#include "core/base/output_file.h"
 
 namespace evpose {
 namespace {
@@ -73,7 +74,9 @@ TEST(TransformFileTest, WhatItWritesItReads) {
 TEST(TransformFileTest, ErrorsNameTheFileAndTheKey) {
   EXPECT_THAT(TransformErrorOf(""), StartsWith("mount: has 0 numbers; give "));
   EXPECT_THAT(TransformErrorOf("1 2 3"), StartsWith("mount: has 3 numbers; give "));
-  EXPECT_THAT(TransformErrorOf("16.0 0 0 1 0 0 0 1"), HasSubstr("has 8 numbers, as a line of a trajectory"));
+  EXPECT_THAT(TransformErrorOf("16.0 0 0 1 0 0 0 1"), HasSubstr("has 8 numbers, as a trajectory with 8 in a line"));
+  EXPECT_THAT(TransformErrorOf("1 0 0 1 0 0 0 1\n2 0 0 1 0 0 0 1\n3 0 0 1 0 0 0 1\n"),
+              HasSubstr("has 24 numbers, as a trajectory with 8 in a line"));
   EXPECT_THAT(TransformErrorOf("0 0 0 0 0 0 one"), HasSubstr("\"one\" is not a finite number"));
   EXPECT_THAT(TransformErrorOf("0 0 nan 0 0 0 1"), HasSubstr("\"nan\" is not a finite number"));
   EXPECT_THAT(TransformErrorOf("0 0 0 0 0 0 2"), HasSubstr("its norm is 2"));
@@ -97,6 +100,10 @@ TEST(TransformFileTest, ErrorsNameTheFileAndTheKey) {
   EXPECT_THAT(TransformErrorOf("a: [1\nb: 2"), HasSubstr("not YAML"));
   EXPECT_THAT(TransformErrorOf(std::string(5000, '[') + ":"), StartsWith("mount: "));
   EXPECT_EQ(ReadTransformFile("/no/such/mount.yaml").status().code(), absl::StatusCode::kNotFound);
+  const std::string path = ::testing::TempDir() + "/transform_file_test.raw";
+  ASSERT_TRUE(WriteFile(path, std::string(100'000, 'x')).ok());
+  EXPECT_THAT(ReadTransformFile(path).status().message(),
+              HasSubstr("is larger than 65536 bytes, and is no transform; give \"tx ty tz"));
 }
 
 }  // namespace
