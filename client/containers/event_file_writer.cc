@@ -196,8 +196,7 @@ absl::StatusOr<std::unique_ptr<EventFileChecker>> CheckHdf5(const EventFileHeade
 }
 
 absl::StatusOr<std::unique_ptr<EventFileWriter>> CreateHdf5(const std::string& path, const EventFileHeader& header) {
-  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Hdf5Output> output,
-                          Hdf5Output::Create(path, header.geometry, header.time_offset_us));
+  EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Hdf5Output> output, Hdf5Output::Create(path, header));
   return std::make_unique<Hdf5FileWriter>(std::move(output));
 }
 

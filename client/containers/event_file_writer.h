@@ -18,7 +18,8 @@ namespace evpose::client {
 
 struct EventFileHeader {
   SensorGeometry geometry;
-  int64_t time_offset_us = 0;  // see RecordingHeader
+  int64_t time_offset_us = 0;      // see RecordingHeader
+  int64_t metavision_zero_us = 0;  // likewise; HDF5 stores it if it is above 0
 };
 
 // A file appears under its name in Close(), or not at all.

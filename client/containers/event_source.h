@@ -38,6 +38,8 @@ struct SourceFacts {
   std::string format;                      // the name of the format: "CSV"
   std::optional<SensorGeometry> geometry;  // as the file states it
   int64_t time_offset_us = 0;              // as the file states it: see RecordingHeader
+  // The time on the file's clock at which Metavision's clock is 0; nullopt if Metavision does not read the format.
+  std::optional<int64_t> metavision_zero_us;
 };
 
 class EventSource {

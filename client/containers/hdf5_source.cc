@@ -35,8 +35,9 @@ class Hdf5Source final : public EventSource {
       return absl::DataLossError(absl::StrCat(path, ": evpose-hdf5 sent no header"));
     }
     const PipeHeader& header = source->record_.header;
-    source->facts_ = {header.format, std::nullopt, header.time_offset_us};
+    source->facts_ = {header.format, std::nullopt, header.time_offset_us, std::nullopt};
     if (header.geometry != SensorGeometry{}) source->facts_.geometry = header.geometry;
+    if (header.metavision_zero_us >= 0) source->facts_.metavision_zero_us = header.metavision_zero_us;
     return source;
   }
 
@@ -133,11 +134,14 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenHdf5(ContainerFile file) {
 
 const ContainerFormat kHdf5Format = {.name = "HDF5", .matches = MatchesHdf5, .open = OpenHdf5};
 
-absl::StatusOr<std::unique_ptr<Hdf5Output>> Hdf5Output::Create(const std::string& path, SensorGeometry geometry,
-                                                               int64_t time_offset_us) {
+absl::StatusOr<std::unique_ptr<Hdf5Output>> Hdf5Output::Create(const std::string& path, const EventFileHeader& header) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<ChildProcess> program, StartProgram("write", path));
   std::unique_ptr<Hdf5Output> output(new Hdf5Output(std::move(program)));
-  AppendPipeHeader({.format = "", .geometry = geometry, .time_offset_us = time_offset_us}, output->bytes_);
+  AppendPipeHeader({.format = "",
+                    .geometry = header.geometry,
+                    .time_offset_us = header.time_offset_us,
+                    .metavision_zero_us = std::max(header.metavision_zero_us, int64_t{0})},
+                   output->bytes_);
   EVPOSE_RETURN_IF_ERROR(output->Send());
   return output;
 }

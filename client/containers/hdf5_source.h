@@ -14,6 +14,7 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "client/containers/container_format.h"
+#include "client/containers/event_file_writer.h"
 #include "client/programs/child_process.h"
 #include "core/events/event.h"
 
@@ -25,8 +26,7 @@ extern const ContainerFormat kHdf5Format;
 class Hdf5Output {
  public:
   // Errors have the path: FAILED_PRECONDITION with the package to install if evpose-hdf5 is missing.
-  static absl::StatusOr<std::unique_ptr<Hdf5Output>> Create(const std::string& path, SensorGeometry geometry,
-                                                            int64_t time_offset_us);
+  static absl::StatusOr<std::unique_ptr<Hdf5Output>> Create(const std::string& path, const EventFileHeader& header);
   // Without Close() it waits until the program has removed the incomplete file.
   ~Hdf5Output();
   Hdf5Output(const Hdf5Output&) = delete;

@@ -52,6 +52,7 @@ class SourceReader final : public RecordingReader {
       if (!has_more) return false;
     }
     header_.time_offset_us += zero_us_;
+    if (header_.metavision_zero_us) *header_.metavision_zero_us -= zero_us_;
     return true;
   }
 
@@ -205,6 +206,7 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> MakeSourceReader(const std::str
   header.encoding = Encoding::kFlat64;
   header.container = source->facts().format;
   header.time_offset_us = source->facts().time_offset_us;
+  header.metavision_zero_us = source->facts().metavision_zero_us;
   header.geometry_is_stated = source->facts().geometry.has_value();
   if (header.geometry_is_stated) geometry = source->facts().geometry;
   header.geometry_is_known = geometry.has_value();

@@ -47,7 +47,7 @@ class Hdf5ProgramTest : public testing::Test {
 TEST_F(Hdf5ProgramTest, WritingAndReadingIsExactTriggersIncluded) {
   const std::vector<Event> events = TestEvents(100'000);
   const std::vector<Trigger> triggers = {{100, 0, 1}, {300'001, 3, 0}, {9'000'000, 200, 1}};
-  const auto output = Hdf5Output::Create(path(), {1280, 720}, 77).value();
+  const auto output = Hdf5Output::Create(path(), {{1280, 720}, 77, 6384}).value();
   ASSERT_TRUE(output->Write(absl::MakeConstSpan(triggers)).ok());
   ASSERT_TRUE(output->Write(absl::MakeConstSpan(events)).ok());
   ASSERT_EQ(output->Close(), absl::OkStatus());
@@ -56,6 +56,7 @@ TEST_F(Hdf5ProgramTest, WritingAndReadingIsExactTriggersIncluded) {
   EXPECT_EQ(read.header.geometry, (SensorGeometry{1280, 720}));
   EXPECT_TRUE(read.header.geometry_is_stated);
   EXPECT_EQ(read.header.time_offset_us, 77);
+  EXPECT_EQ(read.header.metavision_zero_us, 6384);
   EXPECT_THAT(read.events, ElementsAreArray(events));
   EXPECT_THAT(read.triggers, ElementsAreArray(triggers));
   EXPECT_THAT(read.skipped, IsEmpty());
@@ -71,7 +72,7 @@ TEST_F(Hdf5ProgramTest, AFullDiskIsAnErrorAtEveryPointOfTheFile) {
     const rlimit limit = {.rlim_cur = bytes, .rlim_max = before.rlim_max};
     ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &limit), 0);
     absl::Status status;
-    if (auto output = Hdf5Output::Create(path(), {1280, 720}, 0); output.ok()) {
+    if (auto output = Hdf5Output::Create(path(), {{1280, 720}, 0}); output.ok()) {
       status = (*output)->Write(absl::MakeConstSpan(events));
       if (status.ok()) status = (*output)->Close();
     } else {
@@ -93,6 +94,25 @@ TEST_F(Hdf5ProgramTest, AFileOfPropheseesFilterHasItsEvents) {
   EXPECT_THAT(read.skipped, IsEmpty());
 }
 
+// Written by h5py, with the time shift of OpenEB: Metavision shows the first event at 0.
+TEST_F(Hdf5ProgramTest, AFileWithATimeShiftKeepsItsTimesAndHasTheZeroOfMetavision) {
+  const ReadRecording read = ReadAll(FindTestData("containers/metavision_time_shift.hdf5")).value();
+  EXPECT_THAT(read.events, ElementsAreArray(FileEvents()));
+  EXPECT_EQ(read.header.metavision_zero_us, read.events.front().t_us);
+  EXPECT_EQ(ReadAll(FindTestData("containers/metavision_ecf.hdf5"))->header.metavision_zero_us, 0);
+  EXPECT_EQ(ReadAll(FindTestData("containers/dsec.hdf5"))->header.metavision_zero_us, std::nullopt);
+}
+
+// Times beyond the clock of FLAT64 are shifted to the first event, and the zero of Metavision with them.
+TEST_F(Hdf5ProgramTest, TheZeroOfMetavisionIsOnTheClockOfTheEvents) {
+  constexpr int64_t kFirstUs = 1'700'000'000'000'000;
+  ASSERT_TRUE(WriteHdf5(path(), {.header = {"", {640, 480}, 0, kFirstUs - 300}, .events = {{kFirstUs, 1, 2, 1}}}).ok());
+  const ReadRecording read = ReadAll(path()).value();
+  EXPECT_THAT(read.events, ElementsAre(Event{0, 1, 2, 1}));
+  EXPECT_EQ(read.header.time_offset_us, kFirstUs);
+  EXPECT_EQ(read.header.metavision_zero_us, -300);
+}
+
 // The size of the sensor is not in such files; that of the caller's camera is taken.
 TEST_F(Hdf5ProgramTest, AFileOfTheShapeOfDsecHasItsEvents) {
   const std::string file = FindTestData("containers/dsec.hdf5");
@@ -109,7 +129,7 @@ TEST_F(Hdf5ProgramTest, ErrorsOfTheProgramHaveThePath) {
   EXPECT_THAT(OpenRecording(path()).status().message(), HasSubstr("a.hdf5: has no event"));
   std::filesystem::resize_file(path(), 600);
   EXPECT_THAT(OpenRecording(path()).status().message(), HasSubstr("a.hdf5: is no HDF5 file, or is damaged"));
-  const auto output = Hdf5Output::Create(directory_.File("b.hdf5"), {640, 480}, 0).value();
+  const auto output = Hdf5Output::Create(directory_.File("b.hdf5"), {{640, 480}, 0}).value();
   ASSERT_TRUE(output->Write(absl::MakeConstSpan(std::vector<Event>{{1, 4000, 0, 0}})).ok());
   EXPECT_THAT(output->Close().message(), HasSubstr("b.hdf5: event 0 of a chunk (x 4000"));
   EXPECT_FALSE(std::filesystem::exists(directory_.File("b.hdf5")));
@@ -128,7 +148,7 @@ TEST_F(Hdf5ProgramTest, AFileThatChangesWhileItIsReadIsAnError) {
 
 TEST_F(Hdf5ProgramTest, AnOutputThatIsNotClosedLeavesNoFile) {
   {
-    const auto output = Hdf5Output::Create(path(), {640, 480}, 0).value();
+    const auto output = Hdf5Output::Create(path(), {{640, 480}, 0}).value();
     ASSERT_TRUE(output->Write(absl::MakeConstSpan(TestEvents(100'000))).ok());
   }
   EXPECT_FALSE(std::filesystem::exists(path()));

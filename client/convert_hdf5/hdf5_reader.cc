@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "client/convert_hdf5/metavision_attributes.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
 
@@ -23,14 +24,20 @@ std::string NamesInRoot(const Hdf5Handle& file) {
   return names.empty() ? "nothing" : absl::StrJoin(names, ", ");
 }
 
+absl::Status BeyondRange(const char* quantity, int64_t value_us) {
+  return absl::InvalidArgumentError(
+      absl::StrCat("states a ", quantity, " of ", value_us, " us, which is beyond the range of 36 thousand years"));
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Hdf5Reader>> Hdf5Reader::Open(const std::string& path) {
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<Hdf5Reader> reader, OpenShape(path));
+  const int64_t shift_us = reader->header().metavision_zero_us;
+  if (shift_us > kMaxStateTimeUs) return BeyondRange(kTimeShiftAttribute, shift_us);
   const int64_t offset_us = reader->header().time_offset_us;
   if (offset_us >= -kMaxStateTimeUs && offset_us <= kMaxStateTimeUs) return reader;
-  return absl::InvalidArgumentError(
-      absl::StrCat("states a time offset of ", offset_us, " us, which is beyond the range of 36 thousand years"));
+  return BeyondRange("time offset", offset_us);
 }
 
 absl::StatusOr<std::unique_ptr<Hdf5Reader>> Hdf5Reader::OpenShape(const std::string& path) {

@@ -21,7 +21,7 @@ inline constexpr uint64_t kMaxRows = 16384;
 class Hdf5Reader {
  public:
   // Errors: NOT_FOUND, PERMISSION_DENIED, INVALID_ARGUMENT for a file that HDF5 cannot open, that has no events in a
-  // known layout, or that has a time offset out of range; and the errors of Hdf5Column::Open().
+  // known layout, or that has a time offset or time shift out of range; and the errors of Hdf5Column::Open().
   static absl::StatusOr<std::unique_ptr<Hdf5Reader>> Open(const std::string& path);
   virtual ~Hdf5Reader() = default;
 
@@ -38,7 +38,7 @@ class Hdf5Reader {
   PipeLosses losses_;
 
  private:
-  // Open() without the check of the time offset.
+  // Open() without the checks of the times in the header.
   static absl::StatusOr<std::unique_ptr<Hdf5Reader>> OpenShape(const std::string& path);
 };
 

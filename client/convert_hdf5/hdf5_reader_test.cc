@@ -101,6 +101,23 @@ TEST_F(Hdf5ReaderTest, ATimeOffsetBeyondTheRangeIsAnError) {
   EXPECT_THAT(ReadHdf5(path()).status().message(), HasSubstr("states a time offset of -9223372036854775808 us"));
 }
 
+// The text is read as OpenEB reads it, which subtracts only a time above 0.
+TEST_F(Hdf5ReaderTest, TheTimeShiftIsTheZeroOfMetavision) {
+  const auto read = [this](const std::string& time_shift) {
+    ForeignFile file(path());
+    file.Group("/CD");
+    file.Write<CdRow>("/CD/events", CdRowType().id(), {{5, 6, 1, 10}});
+    WriteTextAttribute(file.file(), kTimeShiftAttribute, time_shift);
+    return ReadHdf5(path());
+  };
+  EXPECT_EQ(read("6384")->header.metavision_zero_us, 6384);
+  EXPECT_EQ(read("6384")->events.front().t_us, 10);
+  EXPECT_EQ(read("-7")->header.metavision_zero_us, 0);
+  EXPECT_EQ(read("true")->header.metavision_zero_us, 0);
+  EXPECT_THAT(read("1152921504606846977").status().message(),
+              HasSubstr("states a time_shift of 1152921504606846977 us, which is beyond the range"));
+}
+
 TEST_F(Hdf5ReaderTest, ALongAttributeIsIgnored) {
   for (const size_t blanks : {0, 4000, 5000}) {
     {
@@ -134,7 +151,7 @@ TEST_F(Hdf5ReaderTest, MetavisionTablesWithoutEcfAreRead) {
     file.Write<CdRow>("/CD/events", CdRowType().id(), {{5, 6, 1, 10}, {7, 8, 0, 11}}, 4, H5Z_FILTER_DEFLATE);
   }
   const Hdf5Contents read = ReadHdf5(path()).value();
-  EXPECT_EQ(read.header, (PipeHeader{"Metavision HDF5", {}, 0}));
+  EXPECT_EQ(read.header, (PipeHeader{"Metavision HDF5", {}, 0, 0}));
   EXPECT_THAT(read.events, ElementsAre(Event{10, 5, 6, 1}, Event{11, 7, 8, 0}));
 }
 

@@ -85,12 +85,15 @@ absl::StatusOr<std::unique_ptr<Hdf5Writer>> Hdf5Writer::Create(const std::string
   }
   std::unique_ptr<Hdf5Writer> writer(new Hdf5Writer(path, temporary_path, std::move(file)));
   const std::string geometry = absl::StrCat(header.geometry.width_px, "x", header.geometry.height_px);
-  const bool is_complete = WriteTextAttribute(writer->file_, kVersionAttribute, kFormatVersion) &&
-                           WriteTextAttribute(writer->file_, kGeometryAttribute, geometry) &&
-                           (header.time_offset_us == 0 || WriteTextAttribute(writer->file_, kTimeOffsetAttribute,
-                                                                             absl::StrCat(header.time_offset_us))) &&
-                           writer->MakeTable("/CD", writer->cd_type_, true, writer->cd_) &&
-                           writer->MakeTable("/EXT_TRIGGER", writer->trigger_type_, false, writer->triggers_);
+  const bool is_complete =
+      WriteTextAttribute(writer->file_, kVersionAttribute, kFormatVersion) &&
+      WriteTextAttribute(writer->file_, kGeometryAttribute, geometry) &&
+      (header.time_offset_us == 0 ||
+       WriteTextAttribute(writer->file_, kTimeOffsetAttribute, absl::StrCat(header.time_offset_us))) &&
+      (header.metavision_zero_us <= 0 ||
+       WriteTextAttribute(writer->file_, kTimeShiftAttribute, absl::StrCat(header.metavision_zero_us))) &&
+      writer->MakeTable("/CD", writer->cd_type_, true, writer->cd_) &&
+      writer->MakeTable("/EXT_TRIGGER", writer->trigger_type_, false, writer->triggers_);
   if (!is_complete) return writer->Fail();
   return writer;
 }

@@ -22,13 +22,13 @@ using ::testing::IsEmpty;
 TEST(Hdf5WriterTest, RoundTripsAreExact) {
   const TemporaryDirectory directory;
   Hdf5Contents written;
-  written.header = {"", {1280, 720}, 1'600'000'000'000'000};
+  written.header = {"", {1280, 720}, 1'600'000'000'000'000, 6384};
   written.events = TestEvents(50'001);
   written.triggers = {{100, 0, 1}, {300'000, 3, 0}, {9'000'000, 255, 1}};
   const std::string path = directory.File("a.hdf5");
   ASSERT_EQ(WriteHdf5(path, written), absl::OkStatus());
   const Hdf5Contents read = ReadHdf5(path).value();
-  EXPECT_EQ(read.header, (PipeHeader{"Metavision HDF5 (ECF)", {1280, 720}, 1'600'000'000'000'000}));
+  EXPECT_EQ(read.header, (PipeHeader{"Metavision HDF5 (ECF)", {1280, 720}, 1'600'000'000'000'000, 6384}));
   EXPECT_THAT(read.events, ElementsAreArray(written.events));
   EXPECT_THAT(read.triggers, ElementsAreArray(written.triggers));
   EXPECT_EQ(read.losses, PipeLosses{});

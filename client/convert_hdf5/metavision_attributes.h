@@ -11,6 +11,8 @@ namespace evpose::client {
 
 inline constexpr char kVersionAttribute[] = "version";
 inline constexpr char kGeometryAttribute[] = "geometry";  // "1280x720"
+// The time at which Metavision's clock is 0, in microseconds: OpenEB subtracts it from all times if it is above 0.
+inline constexpr char kTimeShiftAttribute[] = "time_shift";
 // An attribute that only evpose writes: RecordingHeader::time_offset_us.
 inline constexpr char kTimeOffsetAttribute[] = "evpose_time_offset_us";
 

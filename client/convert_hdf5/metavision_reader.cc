@@ -22,6 +22,11 @@ class MetavisionReader final : public Hdf5Reader {
     if (!absl::SimpleAtoi(ReadTextAttribute(file_, kTimeOffsetAttribute), &header_.time_offset_us)) {
       header_.time_offset_us = 0;
     }
+    // As OpenEB's reader, which takes a text that is no number for 0.
+    if (!absl::SimpleAtoi(ReadTextAttribute(file_, kTimeShiftAttribute), &header_.metavision_zero_us)) {
+      header_.metavision_zero_us = 0;
+    }
+    header_.metavision_zero_us = std::max(header_.metavision_zero_us, int64_t{0});
   }
 
   bool Next(std::vector<Event>& events, std::vector<Trigger>& triggers) override {

@@ -3,8 +3,9 @@
 
 namespace evpose {
 
-FirstTimeWord::FirstTimeWord(Encoding encoding)
-    : scanner_(encoding), word_bytes_(static_cast<size_t>(WordBytes(encoding))) {
+FirstTimeWord::FirstTimeWord(Encoding encoding, std::optional<int64_t> stated_us)
+    : scanner_(encoding), word_bytes_(static_cast<size_t>(WordBytes(encoding))), t_us_(stated_us) {
+  if (t_us_.has_value()) return;
   if (encoding == Encoding::kDat || encoding == Encoding::kFlat64) t_us_ = 0;
 }
 

@@ -17,7 +17,8 @@ namespace evpose {
 // EVT2.1 and EVT2, unless its option do_time_shifting is off; it leaves the times of other formats as they are.
 class FirstTimeWord {
  public:
-  explicit FirstTimeWord(Encoding encoding);
+  // `stated_us` replaces the time of the first time word.
+  explicit FirstTimeWord(Encoding encoding, std::optional<int64_t> stated_us = std::nullopt);
 
   void Add(absl::Span<const uint8_t> bytes);
 

@@ -32,7 +32,7 @@ class EventReader {
   absl::StatusOr<bool> Next();
   const DecodedEvents& decoded() const { return decoded_; }
 
-  // The time of FirstTimeWord; 0 if there was none so far.
+  // RecordingHeader::metavision_zero_us, or the time of FirstTimeWord; 0 if there was none so far.
   int64_t metavision_zero_us() const { return first_time_.t_us().value_or(0); }
   uint64_t data_bytes() const { return data_bytes_; }  // bytes read after the header
   const DecodeCounts& counts() const { return decoder_->counts(); }
@@ -42,7 +42,7 @@ class EventReader {
   EventReader(RecordingReader& recording, std::unique_ptr<EventDecoder> decoder, size_t max_piece_bytes)
       : recording_(&recording),
         decoder_(std::move(decoder)),
-        first_time_(recording.header().encoding),
+        first_time_(recording.header().encoding, recording.header().metavision_zero_us),
         piece_(max_piece_bytes) {}
 
   RecordingReader* recording_;

@@ -144,6 +144,11 @@ TEST(FirstTimeWordTest, IsThatOfEachEncodingForAnyCuts) {
     EXPECT_EQ(first.t_us(), expected_us) << EncodingName(encoding);
   }
   EXPECT_EQ(FirstTimeWord(Encoding::kEvt3).t_us(), std::nullopt);
+  for (const Encoding encoding : {Encoding::kEvt3, Encoding::kFlat64}) {
+    FirstTimeWord stated(encoding, -77);
+    stated.Add(std::vector<uint8_t>{0x05, 0x80, 0x01, 0x60, 0, 0, 0, 0});
+    EXPECT_EQ(stated.t_us(), -77);
+  }
 }
 
 }  // namespace

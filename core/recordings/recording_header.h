@@ -27,6 +27,9 @@ struct RecordingHeader {
   // Time on the recording's original clock at time 0 of the events, microseconds: where times since 1970 were shifted
   // to the first event, the time of that event.
   int64_t time_offset_us = 0;
+  // The time of the events at which Metavision's clock is 0, where the container states it; else that is the time of
+  // the first time word (FirstTimeWord).
+  std::optional<int64_t> metavision_zero_us;
 };
 
 // Parses the header at the start of `prefix`; nullopt if the header may continue beyond `prefix` and `is_whole_file` is

@@ -14,6 +14,8 @@
 #include <sstream>
 
 #include "client/cli/cli.h"
+#include "client/containers/containers_testing.h"
+#include "client/containers/hdf5_source.h"
 #include "core/base/environment_testing.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
@@ -34,6 +36,16 @@ class ConvertTest : public CliTest {
   }
 };
 
+// The times of the poses in a TUM file, seconds.
+std::vector<double> TimesOf(const std::string& tum) {
+  std::vector<double> times;
+  std::istringstream lines(tum);
+  for (std::string line; std::getline(lines, line);) {
+    if (!line.empty() && line[0] != '#') times.push_back(std::stod(line));
+  }
+  return times;
+}
+
 TEST_F(ConvertTest, TheDigestIsTheSameThereAndBack) {
   SimulateCube(0.05);
   const nlohmann::json original = Info(Path("cube/recording.raw"));
@@ -52,6 +64,42 @@ TEST_F(ConvertTest, TheDigestIsTheSameThereAndBack) {
 }
 
 #ifdef EVPOSE_HDF5_PROGRAM
+// The first event of this file, which h5py has written, is at 0.005 s, and its attribute time_shift is the same time.
+TEST_F(ConvertTest, InfoAndReplayKnowTheZeroThatMetavisionTakesFromAnHdf5File) {
+  const ScopedEnvironmentVariable programs(
+      "PATH", std::filesystem::path(EVPOSE_HDF5_PROGRAM).parent_path().string() + ":" + std::getenv("PATH"));
+  const std::string shifted = FindTestData("containers/metavision_time_shift.hdf5");
+  EXPECT_EQ(Info(shifted)["t_first_us"], 5000);
+  EXPECT_EQ(Info(shifted)["metavision_zero_us"], 5000);
+  EXPECT_EQ(Info(shifted)["t_first_metavision_us"], 0);
+  EXPECT_THAT(
+      Run({"info", shifted}).out,
+      HasSubstr("zero       times count from the zero of the file; Metavision's zero is at 0.005000 s, its first "
+                "event at 0.000000 s\n"));
+  EXPECT_THAT(Run({"info", FindTestData("containers/metavision_ecf.hdf5")}).out, Not(HasSubstr("\nzero ")));
+
+  // Converting from HDF5 to HDF5 keeps both zeros.
+  ASSERT_EQ(Run({"convert", shifted, Path("shifted.hdf5")}).status, 0);
+  EXPECT_EQ(Info(Path("shifted.hdf5"))["metavision_zero_us"], 5000);
+  SimulateCube(0.1);
+  constexpr int64_t kZeroUs = 15'990'000;
+  const client::ReadRecording raw = client::ReadAll(Path("cube/recording.raw")).value();
+  const auto file = client::Hdf5Output::Create(Path("a.hdf5"), {raw.header.geometry, 0, kZeroUs}).value();
+  ASSERT_TRUE(file->Write(absl::MakeConstSpan(raw.events)).ok());
+  ASSERT_TRUE(file->Close().ok());
+  std::vector<std::string> arguments = ReplayArguments("sensor.tum");
+  std::replace(arguments.begin(), arguments.end(), Path("cube/recording.raw"), Path("a.hdf5"));
+  ASSERT_EQ(Run(arguments).status, 0);
+  std::replace(arguments.begin(), arguments.end(), Path("sensor.tum"), Path("metavision.tum"));
+  arguments.insert(arguments.end(), {"--time-zero", "metavision"});
+  ASSERT_EQ(Run(arguments).status, 0);
+  const std::vector<double> sensor = TimesOf(ReadText("sensor.tum"));
+  const std::vector<double> metavision = TimesOf(ReadText("metavision.tum"));
+  ASSERT_THAT(sensor, Not(IsEmpty()));
+  ASSERT_EQ(sensor.size(), metavision.size());
+  EXPECT_EQ(std::llround((sensor[0] - metavision[0]) * 1e6), kZeroUs);
+}
+
 // The interrupt of a terminal reaches this process and evpose-hdf5, which still has to send most of the recording.
 TEST_F(ConvertTest, AnInterruptWhileHdf5IsReadIsReportedAsSuch) {
   SimulateCube(0.5);
@@ -192,16 +240,6 @@ TEST_F(ConvertTest, ASizeThatIsAGuessIsReported) {
   ASSERT_EQ(given.status, 0) << given.err;
   EXPECT_EQ(given.Json()["geometry_is_stated"], true);
   EXPECT_THAT(given.err, IsEmpty());
-}
-
-// The times of the poses in a TUM file, seconds.
-std::vector<double> TimesOf(const std::string& tum) {
-  std::vector<double> times;
-  std::istringstream lines(tum);
-  for (std::string line; std::getline(lines, line);) {
-    if (!line.empty() && line[0] != '#') times.push_back(std::stod(line));
-  }
-  return times;
 }
 
 TEST_F(ConvertTest, ReplayReadsContainersAndCountsFromEitherZero) {

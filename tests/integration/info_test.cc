@@ -6,6 +6,7 @@
 
 #include <fstream>
 
+#include "absl/strings/str_format.h"
 #include "tests/data/test_data.h"
 #include "tests/integration/cli_fixture.h"
 
@@ -71,6 +72,24 @@ TEST_F(InfoOfSimulationTest, DescribesASimulatedRecording) {
   ASSERT_EQ(Run({"convert", Path("cube/recording.raw"), Path("cube/recording.csv")}).status, 0);
   EXPECT_THAT(Run({"info", Path("cube/recording.csv")}).out, ::testing::Not(HasSubstr("zero ")));
   EXPECT_THAT(text.out, HasSubstr("sha256     " + info.Json()["sha256"].get<std::string>()));
+}
+
+// The packets of a bag contain the words of the camera, whose first time word is the zero of Metavision in a RAW file.
+TEST_F(InfoOfSimulationTest, ABagOfPacketsHasTheZeroOfItsFirstTimeWord) {
+  const std::string bag = FindTestData("evt3_packets_first_3/packets.db3");
+  const nlohmann::json info = Run({"info", bag, "--json"}).Json();
+  const int64_t zero_us = info["metavision_zero_us"];
+  const int64_t first_us = info["t_first_us"];
+  EXPECT_EQ(zero_us % 4096, 0);  // the time of a TIME_HIGH
+  EXPECT_GT(zero_us, 0);
+  EXPECT_LE(zero_us, first_us);
+  EXPECT_EQ(info["t_first_metavision_us"], first_us - zero_us);
+  EXPECT_THAT(Run({"info", bag}).out,
+              HasSubstr(absl::StrFormat("\nzero       times count from the sensor's start; Metavision's zero, in a RAW "
+                                        "file of these packets, is at %.6f s, its first event at %.6f s\n",
+                                        zero_us * 1e-6, (first_us - zero_us) * 1e-6)));
+  // The message of this format states the time of each event.
+  EXPECT_THAT(Run({"info", FindTestData("containers/event_arrays.db3")}).out, ::testing::Not(HasSubstr("\nzero ")));
 }
 
 TEST_F(InfoOfSimulationTest, SameSeedSameBytes) {

@@ -88,6 +88,11 @@ absl::StatusOr<std::unique_ptr<RecordingReader>> OpenInput(const ConvertArgument
   return reader;
 }
 
+EventFileHeader HeaderOf(const RecordingReader& reader) {
+  const RecordingHeader& header = reader.header();
+  return {header.geometry, header.time_offset_us, header.metavision_zero_us.value_or(0)};
+}
+
 using TakeEvents = std::function<absl::Status(absl::Span<const Event>, absl::Span<const evpose::Trigger>)>;
 
 // Passes the events between --start and --start + --duration to `take`, and the triggers in this time. Without --start,
@@ -95,7 +100,7 @@ using TakeEvents = std::function<absl::Status(absl::Span<const Event>, absl::Spa
 absl::StatusOr<ConvertedEvents> ReadEvents(const ConvertArguments& arguments, const CliContext& context,
                                            RecordingReader& reader, const TakeEvents& take) {
   ConvertedEvents result;
-  result.header = {reader.header().geometry, reader.header().time_offset_us};
+  result.header = HeaderOf(reader);
   result.has_stated_size = reader.header().geometry_is_stated || !arguments.size.empty();
   result.format = reader.header().container;
   if (result.format.empty()) result.format = EncodingName(reader.header().encoding);
@@ -165,8 +170,7 @@ absl::Status CheckTriggers(const ConvertArguments& arguments, const EventFileFor
 // while the file is written; after an error the file does not appear.
 absl::Status CheckAll(const ConvertArguments& arguments, const EventFileFormat& format, const CliContext& context) {
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
-  absl::StatusOr<std::unique_ptr<EventFileChecker>> checker =
-      format.check({reader->header().geometry, reader->header().time_offset_us});
+  absl::StatusOr<std::unique_ptr<EventFileChecker>> checker = format.check(HeaderOf(*reader));
   if (!checker.ok()) return CannotHold(arguments, format, checker.status());
   const auto check = [&](absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) -> absl::Status {
     EVPOSE_RETURN_IF_ERROR(CheckTriggers(arguments, format, triggers));
@@ -228,7 +232,7 @@ absl::Status RunConvert(const ConvertArguments& arguments, CliContext& context) 
   if (CanBeReadTwice(arguments.recording)) EVPOSE_RETURN_IF_ERROR(CheckAll(arguments, *format, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<RecordingReader> reader, OpenInput(arguments, context));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<EventFileWriter> writer,
-                          format->create(arguments.out, {reader->header().geometry, reader->header().time_offset_us}));
+                          format->create(arguments.out, HeaderOf(*reader)));
   const auto write = [&](absl::Span<const Event> events, absl::Span<const evpose::Trigger> triggers) -> absl::Status {
     EVPOSE_RETURN_IF_ERROR(CheckTriggers(arguments, *format, triggers));
     return writer->Write(events, triggers);

@@ -30,7 +30,7 @@ struct RecordingInfo {
   RecordingHeader header;
   DecodeCounts counts;
   std::vector<SkippedParts> skipped;
-  int64_t metavision_zero_us = 0;  // FirstTimeWord
+  int64_t metavision_zero_us = 0;  // EventReader::metavision_zero_us()
   uint64_t on_events = 0;
   int64_t t_first_us = 0;  // times of the first and the last event in the stream; meaningless without events
   int64_t t_last_us = 0;
@@ -116,14 +116,26 @@ std::string DescribeSizeSource(const std::string& path, const RecordingHeader& h
   return " (not stated: the smallest known sensor that contains all events)";
 }
 
+std::string DescribeSensorZero(const RecordingHeader& header) {
+  if (header.encoding != Encoding::kFlat64) return "the sensor's start";
+  return header.time_offset_us == 0 ? "the zero of the file" : "the offset below";
+}
+
+// Metavision reads no ROS bags: it counts from the first time word of a RAW file with the same packets.
+std::string DescribeMetavisionFile(const RecordingHeader& header) {
+  const bool is_raw = header.container.empty() || header.encoding == Encoding::kFlat64;
+  return is_raw ? "" : ", in a RAW file of these packets,";
+}
+
 // Prints the zeros of the clocks of other programs.
 void PrintTimeZeros(const RecordingInfo& info, std::ostream& out) {
-  // Metavision counts the times of RAW files alone from their first one.
-  const bool is_raw = info.header.container.empty() && info.header.encoding != Encoding::kDat;
-  if (info.counts.cd_events > 0 && is_raw) {
+  // Metavision takes the times of formats without time words as they are, unless an HDF5 file states another zero.
+  const bool has_time_words = info.header.encoding != Encoding::kDat && info.header.encoding != Encoding::kFlat64;
+  if (info.counts.cd_events > 0 && (has_time_words || info.metavision_zero_us != 0)) {
     out << absl::StrFormat(
-        "zero       times count from the sensor's start; Metavision's zero is at %.6f s, its first event at %.6f s\n",
-        info.metavision_zero_us * 1e-6, (info.t_first_us - info.metavision_zero_us) * 1e-6);
+        "zero       times count from %s; Metavision's zero%s is at %.6f s, its first event at %.6f s\n",
+        DescribeSensorZero(info.header), DescribeMetavisionFile(info.header), info.metavision_zero_us * 1e-6,
+        (info.t_first_us - info.metavision_zero_us) * 1e-6);
   }
   if (info.header.time_offset_us != 0) {
     out << absl::StrFormat("offset     time 0 is %d us on the recording's own clock\n", info.header.time_offset_us);

@@ -117,8 +117,8 @@ CommandRunner AddReplayCommand(CLI::App& app, CliContext& context) {
       ->capture_default_str();
   app.add_flag("--follow", arguments->is_following, "Keep reading a RAW or DAT file as it grows, until an interrupt");
   AddOption(app, "--time-zero", arguments->time_zero,
-            "Time 0 of the pose files: sensor, that of the camera's clock, as evpose info prints it; metavision, the "
-            "first time word of a RAW file, from which Metavision counts",
+            "Time 0 of the pose files: sensor, that of the camera's clock, as evpose info prints it; metavision, that "
+            "from which Metavision counts: the first time word of a RAW file, or the time_shift of an HDF5 file",
             CLI::IsMember({"sensor", "metavision"}))
       ->group(kOutputGroup);
   app.add_flag("--view", arguments->is_viewed,

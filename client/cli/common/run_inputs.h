@@ -83,8 +83,8 @@ struct RunInputs {
   CameraModel camera;
   SensorProfile sensor;
   PoseFrame frame;
-  // The sensor time at which Metavision's clock is 0 (FirstTimeWord); set before a pose can arrive, by the thread that
-  // reads.
+  // The sensor time at which Metavision's clock is 0 (RecordingHeader::metavision_zero_us or FirstTimeWord); set before
+  // a pose can arrive, by the thread that reads.
   std::shared_ptr<std::atomic<int64_t>> metavision_zero_us = std::make_shared<std::atomic<int64_t>>(0);
   // Whether the reader has returned the end of the recording, and was not stopped before; set by the thread that reads.
   std::shared_ptr<std::atomic<bool>> has_ended = std::make_shared<std::atomic<bool>>(false);

@@ -9,7 +9,7 @@ namespace {
 constexpr size_t kRecordHeaderBytes = 5;  // kind, then the size of the content in 32 bits
 constexpr size_t kPipeEventBytes = 13;
 constexpr size_t kPipeTriggerBytes = 10;
-constexpr size_t kFixedHeaderBytes = 16;  // before the name of the format
+constexpr size_t kFixedHeaderBytes = 24;  // before the name of the format
 constexpr size_t kMaxContentBytes = kMaxPipeElements * kPipeEventBytes;
 constexpr size_t kMaxNameBytes = 256;  // a name of a format has some 30 bytes
 constexpr int kMaxSizePx = 1 << 16;    // coordinates have 16 bits
@@ -27,6 +27,8 @@ bool ParseHeader(absl::Span<const uint8_t> content, PipeHeader& header) {
   header.geometry = {static_cast<int>(width), static_cast<int>(height)};
   header.time_offset_us = LoadLittleEndian<int64_t>(content.data() + 8);
   if (header.time_offset_us < -kMaxStateTimeUs || header.time_offset_us > kMaxStateTimeUs) return false;
+  header.metavision_zero_us = LoadLittleEndian<int64_t>(content.data() + 16);
+  if (header.metavision_zero_us < -1 || header.metavision_zero_us > kMaxStateTimeUs) return false;
   header.format.assign(content.begin() + kFixedHeaderBytes, content.end());
   return true;
 }
@@ -86,6 +88,7 @@ void AppendPipeHeader(const PipeHeader& header, std::vector<uint8_t>& out) {
   AppendLittleEndian(static_cast<uint32_t>(header.geometry.width_px), out);
   AppendLittleEndian(static_cast<uint32_t>(header.geometry.height_px), out);
   AppendLittleEndian(header.time_offset_us, out);
+  AppendLittleEndian(header.metavision_zero_us, out);
   out.insert(out.end(), name.begin(), name.end());
 }
 

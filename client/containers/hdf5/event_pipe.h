@@ -18,6 +18,8 @@ struct PipeHeader {
   std::string format;          // "Metavision HDF5 (ECF)"
   SensorGeometry geometry;     // zero if the file does not state it
   int64_t time_offset_us = 0;  // RecordingHeader::time_offset_us
+  // The time at which Metavision's clock is 0, at least 0; -1 if Metavision does not read the format.
+  int64_t metavision_zero_us = -1;
 
   friend bool operator==(const PipeHeader&, const PipeHeader&) = default;
 };

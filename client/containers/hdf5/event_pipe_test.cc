@@ -10,7 +10,7 @@ namespace {
 using ::testing::ElementsAreArray;
 using ::testing::HasSubstr;
 
-const PipeHeader kHeader = {"Metavision HDF5 (ECF)", {1280, 720}, -5};
+const PipeHeader kHeader = {"Metavision HDF5 (ECF)", {1280, 720}, -5, 6384};
 const std::vector<Event> kPipeEvents = {{5, 1, 2, 1}, {int64_t{1} << 40, 1279, 719, 0}};
 const std::vector<Trigger> kPipeTriggers = {{7, 3, 1}, {int64_t{1} << 41, 255, 0}};
 
@@ -61,6 +61,11 @@ TEST(EventPipeTest, DamagedRecordsAreErrors) {
   for (const int64_t offset_us : {kMaxStateTimeUs + 1, -kMaxStateTimeUs - 1}) {
     std::vector<uint8_t> header;
     AppendPipeHeader({"", {1280, 720}, offset_us}, header);
+    EXPECT_THAT(error(header), HasSubstr("is damaged"));
+  }
+  for (const int64_t zero_us : {kMaxStateTimeUs + 1, int64_t{-2}}) {
+    std::vector<uint8_t> header;
+    AppendPipeHeader({"", {1280, 720}, 0, zero_us}, header);
     EXPECT_THAT(error(header), HasSubstr("is damaged"));
   }
   EXPECT_THAT(error({9, 0, 0, 0, 0}), HasSubstr("is damaged"));

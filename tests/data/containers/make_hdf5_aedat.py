@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """Writes recordings of this folder in HDF5 with h5py and in AEDAT 4.0 with the FlatBuffers library. All hold the events of make.py;
-events.aedat4 has them after 1,700,000,000 s. The HDF5 files have three triggers. The fuzzing seed events.hdf5 has ten events. Metavision's file is compressed by Prophesee's own filter
-(github.com/prophesee-ai/hdf5_ecf), whose plug-in must be in HDF5_PLUGIN_PATH.
+events.aedat4 has them after 1,700,000,000 s. The files of Metavision have three triggers. The fuzzing seed events.hdf5 has ten events.
+metavision_ecf.hdf5 is compressed by Prophesee's own filter (github.com/prophesee-ai/hdf5_ecf), whose plug-in must be in
+HDF5_PLUGIN_PATH. metavision_time_shift.hdf5 has no filter, and the attribute time_shift as OpenEB's Camera::start_recording writes it:
+the time of the first event, as a text.
 
   cd tests/data/containers && HDF5_PLUGIN_PATH=FOLDER_OF_THE_PLUGIN /usr/bin/python3 make_hdf5_aedat.py"""
 
@@ -20,7 +22,7 @@ TRIGGERS = [(5100, 1, 0), (5200, 0, 0), (9000, 1, 3)]  # t, p, id
 ECF = 0x8ECF
 
 
-def write_metavision(path):
+def write_metavision(path, attributes, **layout):
     events = numpy.zeros(COUNT, dtype=numpy.dtype(
         {"names": ["x", "y", "p", "t"], "formats": ["<u2", "<u2", "<i2", "<i8"], "offsets": [0, 2, 4, 8], "itemsize": 16}))
     triggers = numpy.zeros(len(TRIGGERS), dtype=numpy.dtype(
@@ -30,8 +32,10 @@ def write_metavision(path):
     with h5py.File(path, "w") as file:
         file.attrs["version"] = "1.0"
         file.attrs["geometry"] = f"{WIDTH}x{HEIGHT}"
+        for name, text in attributes.items():
+            file.attrs[name] = text
         # Chunks of 128 events, so that the last one is not full.
-        file.create_dataset("/CD/events", data=events, chunks=(128,), maxshape=(None,), compression=ECF)
+        file.create_dataset("/CD/events", data=events, chunks=(128,), maxshape=(None,), **layout)
         file.create_dataset("/EXT_TRIGGER/events", data=triggers)
 
 
@@ -92,7 +96,8 @@ def write_aedat4(path):
             file.write(struct.pack("<ii", 0, len(content)) + content)
 
 
-write_metavision("metavision_ecf.hdf5")
+write_metavision("metavision_ecf.hdf5", {}, compression=ECF)
+write_metavision("metavision_time_shift.hdf5", {"time_shift": str(EVENTS[0][0])})
 write_dsec("dsec.hdf5")
 write_seed("../../fuzz/seeds/containers/events.hdf5")
 write_aedat4("events.aedat4")
