@@ -234,7 +234,7 @@ absl::StatusOr<Evaluation> Evaluate(const Trajectory& truth, const Trajectory& e
     if (!estimate.empty()) {
       return absl::InvalidArgumentError(absl::StrCat("the estimate (", TimeSpan(estimate),
                                                      ") lies outside the truth's time span (", TimeSpan(truth),
-                                                     "); give both on the sensor's clock"));
+                                                     "); give both on the sensor's clock, in seconds"));
     }
     return result;
   }

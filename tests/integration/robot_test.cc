@@ -81,6 +81,55 @@ TEST_F(RobotTest, OneAxisDeterminesNoTransform) {
   EXPECT_THAT(FilesBeginning("mount"), ::testing::IsEmpty());
 }
 
+TEST_F(RobotTest, AReferenceThatDoesNotExplainThePosesIsAnError) {
+  WriteCell();
+  Trajectory millimetres = *ReadTumTrajectory(Path("robot.tum"));
+  for (StampedPose& pose : millimetres) pose.camera_from_object.translation_m *= 1000.0;
+  ASSERT_TRUE(WriteTumTrajectory(Path("millimetres.tum"), millimetres).ok());
+  Trajectory few = *ReadTumTrajectory(Path("poses.tum"));
+  few.resize(5);
+  ASSERT_TRUE(WriteTumTrajectory(Path("few.tum"), few).ok());
+  const auto error = [this](const std::string& poses, const std::string& robot, const std::string& mount) {
+    const CliResult result = Run({"calibrate", Path(poses), "--hand-eye", Path(robot), "--mount", mount,
+                                  "--time-offset", "1234.5", "-o", Path("mount.yaml")});
+    EXPECT_EQ(result.status, 1) << result.err;
+    EXPECT_THAT(FilesBeginning("mount"), ::testing::IsEmpty());
+    return result.err;
+  };
+  const std::string files = Path("poses.tum") + " and " + Path("millimetres.tum");
+  EXPECT_THAT(error("poses.tum", "millimetres.tum", "auto"),
+              AllOf(HasSubstr(files + ": the poses move 0.001 times as far as the reference: both must be in metres"),
+                    HasSubstr("nothing was written")));
+  EXPECT_THAT(error("poses.tum", "robot.tum", "in-hand"), HasSubstr("and is the mount right?"));
+  EXPECT_THAT(error("few.tum", "robot.tum", "auto"),
+              HasSubstr("at least 12 poses and 2 of the reference are needed; there are 5 and 3000"));
+}
+
+// The object is in front of the camera, so that the poses can be compared with themselves in other units.
+TEST_F(RobotTest, EvaluateNamesUnitsAndOffsetsThatDoNotFit) {
+  WriteCell();
+  Trajectory millimetres = *ReadTumTrajectory(Path("poses.tum"));
+  for (StampedPose& pose : millimetres) pose.camera_from_object.translation_m *= 1000.0;
+  ASSERT_TRUE(WriteTumTrajectory(Path("millimetres.tum"), millimetres).ok());
+  const auto evaluate = [this](const std::vector<std::string>& options) {
+    std::vector<std::string> arguments = {"evaluate", "--truth", Path("millimetres.tum"), "--estimate",
+                                          Path("poses.tum")};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    return Run(arguments);
+  };
+  const CliResult unit = evaluate({});
+  EXPECT_EQ(unit.status, 0);
+  EXPECT_EQ(unit.err, "evpose evaluate: " + Path("poses.tum") +
+                          ": its object is 0.001 times as far from the camera as that of the truth; are both in "
+                          "metres?\n");
+  const CliResult offset = evaluate({"--time-offset", "-1000"});
+  EXPECT_EQ(offset.status, 1);
+  EXPECT_THAT(offset.err, AllOf(HasSubstr("lies outside the truth's time span"),
+                                HasSubstr("minus the time offset of -1000.000000 s")));
+  const CliResult aligned = evaluate({"--align", "rigid"});
+  EXPECT_THAT(aligned.err + aligned.out, HasSubstr("the poses move 0.001 times as far as the reference"));
+}
+
 TEST_F(RobotTest, EvaluateAlignsAReferenceOfTheRobot) {
   WriteCell();
   const std::vector<std::string> evaluate = {"evaluate", "--truth", Path("robot.tum"), "--estimate", Path("poses.tum"),

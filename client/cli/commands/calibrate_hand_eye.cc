@@ -166,7 +166,7 @@ absl::Status RunHandEye(const HandEyeArguments& arguments, const std::string& po
     return absl::Status(result.status().code(),
                         absl::StrCat(poses, " and ", arguments.reference, ": ", result.status().message()));
   }
-  if (!result->has_second_axis) {
+  if (!result->has_second_axis || !result->explains_motion) {
     return absl::FailedPreconditionError(absl::StrCat(poses, " and ", arguments.reference, ": ",
                                                       absl::StrJoin(result->warnings, "; "), "; nothing was written"));
   }

@@ -26,6 +26,7 @@
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
 #include "core/numerics/math.h"
+#include "core/numerics/statistics.h"
 
 namespace evpose::client {
 namespace {
@@ -50,8 +51,12 @@ struct Row {
   int nees_degrees_of_freedom = 6;
   size_t num_ambiguous = 0;  // AMBIGUOUS poses of a .csv or .jsonl file
   std::optional<HandEye> alignment;
+  double distance_ratio = 1.0;               // of the estimate to the truth
   std::optional<double> surface_distance_m;  // with a model that has faces, and at least one pose
 };
+
+// A larger ratio of the distances of estimate and truth, or a smaller one than its inverse, is another unit.
+constexpr double kOtherUnitRatio = 10.0;
 
 // Splits "NAME=FILE"; the name of a FILE alone is the file.
 std::pair<std::string, std::string> SplitLabel(const std::string& text) {
@@ -90,8 +95,29 @@ absl::StatusOr<std::optional<double>> MeanSurfaceDistance(const Trajectory& trut
   return sum_m / static_cast<double>(errors.size());
 }
 
-absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments) {
-  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
+double MedianDistanceM(const Trajectory& trajectory) {
+  std::vector<double> distances;
+  for (const StampedPose& pose : trajectory) distances.push_back(pose.camera_from_object.translation_m.norm());
+  return UpperMedian(distances);
+}
+
+// Of the median distances of the object from the camera; 1 without poses.
+double DistanceRatio(const Trajectory& estimate, const Trajectory& truth) {
+  if (estimate.empty() || truth.empty()) return 1.0;
+  return MedianDistanceM(estimate) / MedianDistanceM(truth);
+}
+
+// An error of the comparison with an aligned truth, with what is wrong with the alignment.
+absl::Status WithAlignment(const absl::Status& status, const std::optional<HandEye>& alignment) {
+  if (!alignment) return status;
+  if (!alignment->explains_motion) return absl::FailedPreconditionError(absl::StrJoin(alignment->warnings, "; "));
+  return absl::Status(status.code(), absl::StrFormat("%s; the times of the truth are those of its file minus the time "
+                                                     "offset of %.6f s",
+                                                     std::string(status.message()), alignment->time_offset_s));
+}
+
+absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments, const CliContext& context) {
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read(context.err));
   // The alignment finds out in which frame the truth is.
   const std::optional<PoseFrame> truth_frame = arguments.alignment.is_rigid() ? std::nullopt : std::optional(frame);
   EVPOSE_ASSIGN_OR_RETURN(const Trajectory truth, ReadTruePoses(arguments.truth, truth_frame));
@@ -124,7 +150,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
     const Trajectory aligned = *alignment ? (*alignment)->Aligned(truth) : truth;
     absl::StatusOr<Evaluation> evaluation = Evaluate(aligned, estimate.trajectory, options, model ? &*model : nullptr,
                                                      camera ? &*camera : nullptr, estimate.ambiguous_us);
-    if (!evaluation.ok()) return error(path, evaluation.status());
+    if (!evaluation.ok()) return error(path, WithAlignment(evaluation.status(), *alignment));
     EVPOSE_ASSIGN_OR_RETURN(const std::optional<Consistency> consistency,
                             EvaluateConsistency(aligned, estimate, options));
     Row& row = rows.emplace_back(Row{name,
@@ -133,6 +159,7 @@ absl::StatusOr<std::vector<Row>> EvaluateAll(const EvaluateArguments& arguments)
                                      NumObservable(options.continuous_symmetry),
                                      estimate.ambiguous_us.size(),
                                      *alignment,
+                                     DistanceRatio(estimate.trajectory, aligned),
                                      {}});
     if (!surface) continue;
     EVPOSE_ASSIGN_OR_RETURN(row.surface_distance_m,
@@ -205,12 +232,19 @@ void PrintRows(const std::vector<Row>& rows, std::ostream& out) {
 }
 
 // Returns an error if an estimate has no poses. Prints a warning if the error of an estimate exceeds the distance
-// between the object and the camera.
+// between the object and the camera, or if its distances seem to be in another unit.
 absl::Status CheckPlausible(const std::vector<Row>& rows, CliContext& context) {
   std::vector<std::string> empty;
   for (const Row& row : rows) {
     if (row.evaluation.num_poses == 0) {
       empty.push_back(absl::StrCat(row.name, row.num_ambiguous > 0 ? " (with AMBIGUOUS poses only)" : ""));
+    }
+    if (row.distance_ratio > kOtherUnitRatio || row.distance_ratio < 1.0 / kOtherUnitRatio) {
+      context.err << absl::StrFormat(
+          "evpose evaluate: %s: its object is %.3g times as far from the camera as that of the truth; are both in "
+          "metres?\n",
+          row.name, row.distance_ratio);
+      continue;
     }
     if (!(row.evaluation.position_rmse_of_depth > 1.0)) continue;
     context.err << absl::StrFormat(
@@ -230,7 +264,7 @@ absl::Status RunEvaluate(const EvaluateArguments& arguments, CliContext& context
     return UsageError("--symmetric needs --model and --camera: the symmetries are the model's");
   }
   std::optional<WaitMessage> message = WaitMessage::ForWork(context, "comparing with " + arguments.truth);
-  EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments));
+  EVPOSE_ASSIGN_OR_RETURN(const std::vector<Row> rows, EvaluateAll(arguments, context));
   message.reset();
   Json json = {{"truth", arguments.truth}, {"estimates", Json::array()}};
   for (const Row& row : rows) {

@@ -79,7 +79,7 @@ absl::StatusOr<RenderInputs> ReadInputs(const RenderArguments& arguments, CliCon
   inputs.context = &context;
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
   EVPOSE_ASSIGN_OR_RETURN(inputs.model, arguments.reading.Load(context, arguments.model));
-  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read(context.err));
   EVPOSE_ASSIGN_OR_RETURN(inputs.read, ReadCameraPoses(arguments.poses, frame));
   inputs.max_gap_us = LongestInterpolatedStepUs(inputs.poses());
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);

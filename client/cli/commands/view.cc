@@ -64,7 +64,7 @@ absl::Status ViewServer(const ViewArguments& arguments, CliContext& context) {
                                    "\" is not a session: with --server, give sessions/ID, as "
                                    "`evpose sessions list` prints it, or nothing"));
   }
-  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read(context.err));
   EVPOSE_ASSIGN_OR_RETURN(std::unique_ptr<PageServer> server, arguments.page.Listen());
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   if (!arguments.what.empty()) {
@@ -105,7 +105,7 @@ absl::StatusOr<RecordingInputs> ReadViewInputs(const ViewArguments& arguments, c
   inputs.path = arguments.what;
   EVPOSE_ASSIGN_OR_RETURN(const auto ids_and_models, ParseObjectModels(arguments.model, arguments.objects));
   EVPOSE_ASSIGN_OR_RETURN(inputs.camera, LoadCameraModel(arguments.camera));
-  EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
+  EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read(context.err));
   std::vector<std::string> ids;
   for (const auto& [id, path] : ids_and_models) ids.push_back(id);
   // Reading a long file of poses takes about as long as reading a large model, so that both are read at the same time.

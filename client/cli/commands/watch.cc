@@ -238,7 +238,7 @@ absl::Status RunWatch(const WatchArguments& arguments, CliContext& context) {
   if (!arguments.out.empty()) {
     EVPOSE_RETURN_IF_ERROR(AsUsageError(PoseFormatFromPath(arguments.out).status(), "--out "));
   }
-  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read());
+  EVPOSE_ASSIGN_OR_RETURN(const PoseFrame frame, arguments.frame.Read(context.err));
   EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Client> client, arguments.server.Connect(context));
   StopOnInterrupt interrupt(context);
   std::stop_source& stop = interrupt.stop();

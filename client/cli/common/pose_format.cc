@@ -163,6 +163,10 @@ auto FindFile(std::map<std::string, File>& files, const std::string& object_id) 
   return own != files.end() ? own : files.find("");
 }
 
+// A camera that is farther from the origin of its world, metres, is reported: rooms and halls are smaller, and the
+// millimetres of a robot's cell would be larger numbers.
+constexpr double kFarFromWorldM = 100.0;
+
 }  // namespace
 
 absl::StatusOr<PoseFormat> PoseFormatFromPath(const std::string& path) {
@@ -437,11 +441,16 @@ void PoseFrameArguments::AddForReading(CLI::App& app) {
           absl::StrCat("For files of poses that were written with this option: ", kWorldFromCameraHelp));
 }
 
-absl::StatusOr<PoseFrame> PoseFrameArguments::Read() const {
+absl::StatusOr<PoseFrame> PoseFrameArguments::Read(std::ostream& err) const {
   if (pose == "object-from-camera") return PoseFrame::ObjectFromCamera();
   if (world_from_camera.empty()) return PoseFrame();
   EVPOSE_ASSIGN_OR_RETURN(const NamedTransform world, ReadTransformFile(world_from_camera));
   const std::string name = world.target.empty() ? "world" : world.target;
+  const double distance_m = world.target_from_source.translation_m.norm();
+  if (distance_m > kFarFromWorldM) {
+    err << absl::StrFormat("evpose: %s: the camera is %.4g m from the origin of %s: translations are in metres\n",
+                           world_from_camera, distance_m, name);
+  }
   if (name != "camera" && name != kCameraFrame) return PoseFrame::WorldFromObject(world.target_from_source, name);
   return absl::InvalidArgumentError(
       absl::StrCat(world_from_camera, ": frame_id: ", name,

@@ -7,6 +7,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <ostream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -72,8 +73,9 @@ struct PoseFrameArguments {
   void AddTo(CLI::App& app, const std::string& verb = "written");
   // --world-from-camera for the commands that only read files of poses.
   void AddForReading(CLI::App& app);
+  // Prints a warning to `err` if the camera is so far from the world's origin that the file may not be in metres.
   // Errors: those of ReadTransformFile(), and INVALID_ARGUMENT for a world frame with the name of the camera's.
-  absl::StatusOr<PoseFrame> Read() const;
+  absl::StatusOr<PoseFrame> Read(std::ostream& err) const;
 };
 
 // kMcap is not a text format: PoseRecorder writes it.

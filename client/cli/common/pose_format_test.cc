@@ -10,6 +10,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -268,21 +269,27 @@ TEST(PoseFrameTest, CovarianceAndTwistAreThoseOfTheWrittenTransform) {
 }
 
 TEST(PoseFrameTest, ArgumentsChooseTheFrame) {
-  EXPECT_EQ(PoseFrameArguments().Read()->transform(), "camera_from_object");
-  EXPECT_EQ((PoseFrameArguments{.pose = "object-from-camera"}.Read()->transform()), "object_from_camera");
+  std::ostringstream err;
+  EXPECT_EQ(PoseFrameArguments().Read(err)->transform(), "camera_from_object");
+  EXPECT_EQ((PoseFrameArguments{.pose = "object-from-camera"}.Read(err)->transform()), "object_from_camera");
   const std::string path = ::testing::TempDir() + "/pose_frame_test.txt";
   ASSERT_TRUE(WriteFile(path, "1 2 3 0 0 0 1\n").ok());
-  EXPECT_EQ((PoseFrameArguments{.world_from_camera = path}.Read()->transform()), "world_from_object");
+  EXPECT_EQ((PoseFrameArguments{.world_from_camera = path}.Read(err)->transform()), "world_from_object");
   ASSERT_TRUE(WriteFile(path, "frame_id: base\ntranslation: [1, 2, 3]\nrotation: [0, 0, 0, 1]\n").ok());
-  EXPECT_EQ((PoseFrameArguments{.world_from_camera = path}.Read()->transform()), "base_from_object");
+  EXPECT_EQ((PoseFrameArguments{.world_from_camera = path}.Read(err)->transform()), "base_from_object");
   for (const std::string name : {"camera", "evpose_camera"}) {
     ASSERT_TRUE(WriteFile(path, "frame_id: " + name + "\ntranslation: [1, 2, 3]\nrotation: [0, 0, 0, 1]\n").ok());
-    EXPECT_THAT((PoseFrameArguments{.world_from_camera = path}.Read().status().message()),
+    EXPECT_THAT((PoseFrameArguments{.world_from_camera = path}.Read(err).status().message()),
                 HasSubstr(path + ": frame_id: " + name + " is the name of the camera's own frame"));
   }
   ASSERT_TRUE(WriteFile(path, "1 2 3\n").ok());
-  EXPECT_THAT((PoseFrameArguments{.world_from_camera = path}.Read().status().message()),
+  EXPECT_THAT((PoseFrameArguments{.world_from_camera = path}.Read(err).status().message()),
               HasSubstr(path + ": has 3 numbers"));
+  EXPECT_EQ(err.str(), "");
+  ASSERT_TRUE(WriteFile(path, "300 -400 1200 0 0 0 1\n").ok());  // millimetres
+  EXPECT_TRUE((PoseFrameArguments{.world_from_camera = path}.Read(err).ok()));
+  EXPECT_EQ(err.str(),
+            "evpose: " + path + ": the camera is 1300 m from the origin of world: translations are in metres\n");
 }
 
 TEST(PoseFrameTest, DescriptionsDifferWithTheNumbers) {

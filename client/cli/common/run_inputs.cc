@@ -143,7 +143,7 @@ class StoppableReader final : public RecordingReader {
                   const RunArguments& arguments)
       : reader_(std::move(reader)),
         stop_(std::move(stop)),
-        first_time_(reader_->header().encoding),
+        first_time_(reader_->header().encoding, reader_->header().metavision_zero_us),
         metavision_zero_us_(inputs.metavision_zero_us),
         has_ended_(inputs.has_ended),
         stop_status_(arguments.resume.empty() || arguments.ends_at_interrupt
@@ -252,7 +252,7 @@ absl::StatusOr<RunInputs> ReadRunInputs(const CliContext& context, const RunArgu
   if (!arguments.sensor.empty()) {
     EVPOSE_ASSIGN_OR_RETURN(inputs.sensor, LoadSensorProfile(arguments.sensor));
   }
-  EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read());
+  EVPOSE_ASSIGN_OR_RETURN(inputs.frame, arguments.frame.Read(context.err));
   EVPOSE_RETURN_IF_ERROR(ReadObjects(context, arguments, inputs.objects));
   const std::optional<WaitMessage> wait = WaitForRecording(context, arguments.recording);
   const auto stop = std::make_shared<StopRequest>();
