@@ -330,17 +330,20 @@ void CheckMotion(const HandEyeFit& fit, HandEye& result) {
   if (result.explains_motion) return;
   const std::optional<double> factor = ReferenceScale(fit.pairs);
   if (factor && (*factor > kOtherUnit || *factor < 1.0 / kOtherUnit)) {
-    result.warnings.push_back(
+    result.warnings.insert(
+        result.warnings.begin(),
         absl::StrFormat("the poses move %.3g times as far as the reference: both must be in metres, and so must the "
                         "model of the object",
                         *factor));
     return;
   }
-  result.warnings.push_back(absl::StrFormat(
-      "the residuals of %.3g mm and %.2f deg are as large as the motion of %.3g mm and %.1f deg: are both trajectories "
-      "of the same motion, in metres, with quaternions in the order x y z w, and is the mount right?",
-      1e3 * fit.position_scale_m, fit.rotation_scale_rad * kDegreesPerRadian, 1e3 * motion_m,
-      motion_rad * kDegreesPerRadian));
+  result.warnings.insert(
+      result.warnings.begin(),
+      absl::StrFormat("the residuals of %.3g mm and %.2f deg are as large as the motion of %.3g mm and %.1f deg: are "
+                      "both trajectories of "
+                      "the same motion, in metres, with quaternions in the order x y z w, and is the mount right?",
+                      1e3 * fit.position_scale_m, fit.rotation_scale_rad * kDegreesPerRadian, 1e3 * motion_m,
+                      motion_rad * kDegreesPerRadian));
 }
 
 // Returns at most `max_poses` of the poses, at equal steps of the index.
