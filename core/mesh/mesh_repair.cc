@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "core/base/counted.h"
+#include "core/mesh/inner_shells.h"
 #include "core/mesh/mesh_junctions.h"
 #include "core/mesh/mesh_overlaps.h"
 #include "core/mesh/mesh_topology.h"
@@ -150,6 +151,10 @@ RepairReport RepairMesh(RawMesh& mesh) {
     AddOrientation(orientation, report);
     if (!overlaps.is_complete) break;
   }
+  const InnerShells inner = RemoveInnerShells(tolerance_m, orientation.shell_of, orientation.shells, mesh);
+  report.inner_shells = inner.shells;
+  report.inner_triangles = inner.triangles;
+  report.shells -= inner.shells;
   AlignCornerNormals(mesh);
   AlignExactSurface(mesh);
   return report;
@@ -164,6 +169,11 @@ void DescribeRepair(const RepairReport& report, std::vector<std::string>& notice
   AddNoticeOf(report.split_edges, "edge", "split at vertices of other triangles", notices);
   AddNoticeOf(report.overlapping_triangles, "overlapping triangle",
               "dropped: covered by others in the same plane, or between two bodies", notices);
+  if (report.inner_shells > 0) {
+    notices.push_back(absl::StrCat(Counted(report.inner_shells, "surface"), " with ",
+                                   Counted(report.inner_triangles, "triangle"),
+                                   " dropped: inside a closed surface, where no camera sees them"));
+  }
   AddNoticeOf(report.turned_triangles, "triangle",
               "turned: the winding differed from that of the neighbours or was inward", notices);
   if (!report.is_oriented) {

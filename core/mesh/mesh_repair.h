@@ -22,6 +22,8 @@ struct RepairReport {
   size_t degenerate_triangles = 0;   // removed
   size_t duplicate_triangles = 0;    // removed
   size_t overlapping_triangles = 0;  // removed: covered by others in their plane, or walls between bodies
+  size_t inner_shells = 0;           // removed: inside a closed shell, where no camera sees them
+  size_t inner_triangles = 0;        // of these shells
   size_t turned_triangles = 0;       // winding reversed
   size_t empty_lines = 0;            // removed
   size_t duplicate_lines = 0;        // removed

@@ -6,7 +6,7 @@
 namespace evpose::server {
 
 const uint32_t kTrackerStateVersion = 11;
-const uint32_t kPreparationVersion = 11;
+const uint32_t kPreparationVersion = 12;
 
 std::string SerializeRecord(const google::protobuf::Message& record) { return SerializeYielding(record); }
 
