@@ -6,11 +6,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <vector>
 
 #include "core/association/observation_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
+#include "core/tracking/evidence/tracked_ring_testing.h"
 
 namespace evpose {
 namespace {
@@ -63,9 +65,8 @@ class HealthTest : public ::testing::Test {
     input.duration_s = kWindowS;
     input.background_per_px2 = background_per_px2;
     input.lines = tracked_;
-    WindowFit fit;
-    fit.state = state_;
-    health_.AddWindow(camera_, input, lines_, fit);
+    fit_.state = state_;
+    health_->AddWindow(camera_, input, lines_, fit_);
     events_.clear();
   }
   // A window in which `num_lines` lines have events of their own, and the others have unrelated events nearby.
@@ -74,7 +75,7 @@ class HealthTest : public ::testing::Test {
     CloseWindow();
     return TestNow();
   }
-  HealthResult TestNow() { return health_.Test({kKeep, 2, options_.min_contradiction_us}); }
+  HealthResult TestNow() { return health_->Test({kKeep, 2, options_.min_contradiction_us}); }
 
   const CameraModel camera_ = testing::MakeCamera(1280, 720, 1000.0);
   const HealthOptions options_{};
@@ -84,8 +85,9 @@ class HealthTest : public ::testing::Test {
   std::vector<ImageLine> lines_;
   TileGrid grid_{camera_};
   std::vector<Observation> events_;
+  WindowFit fit_;  // of the next window; its state is state_
   Random random_{7};
-  TrackHealth health_{options_, near_probability_, 0.15, kNumLines};
+  std::unique_ptr<TrackHealth> health_ = std::make_unique<TrackHealth>(options_, near_probability_, 0.15, kNumLines);
 };
 
 TEST_F(HealthTest, APoseIsSupportedAtOnce) {
@@ -116,7 +118,7 @@ TEST_F(HealthTest, HiddenLinesAreNotDisplaced) {
     const HealthResult result = TestNow();
     EXPECT_EQ(result.kind, Kind::kSupported) << i;
   }
-  EXPECT_EQ(health_.curve_results()[9].kind, CurveResult::Kind::kContradicted);
+  EXPECT_EQ(health_->curve_results()[9].kind, CurveResult::Kind::kContradicted);
 }
 
 TEST_F(HealthTest, EdgesThatCrossAFifthOfTheLinesDoNotContradictThem) {
@@ -126,6 +128,24 @@ TEST_F(HealthTest, EdgesThatCrossAFifthOfTheLinesDoNotContradictThem) {
     CloseWindow();
     EXPECT_EQ(TestNow().kind, Kind::kSupported) << i;
   }
+}
+
+TEST_F(HealthTest, APoseWhoseEventsAreSpreadAboutItsLinesAndBesideThemIsDoubtful) {
+  const auto evaluate = [&](double spread_px, double contrast) {
+    health_ = std::make_unique<TrackHealth>(options_, near_probability_, 0.15, kNumLines);
+    fit_.gate_px = 6.0;
+    fit_.residual_rms_px = spread_px;
+    fit_.num_explained = 1000.0;
+    fit_.num_background = 100.0;
+    const double per_px = fit_.num_explained / (std::sqrt(2.0 * M_PI) * spread_px);
+    fit_.num_gated = fit_.num_explained + fit_.num_background + 2.0 * fit_.gate_px * per_px / contrast;
+    HealthResult result;
+    for (int i = 0; i < 10 && result.kind == Kind::kOpen; ++i) result = WindowWithOwn(kNumLines);
+    return result.kind;
+  };
+  EXPECT_EQ(evaluate(1.2, 0.9 * options_.min_contrast), Kind::kDoubtful);
+  EXPECT_EQ(evaluate(1.2, 1.1 * options_.min_contrast), Kind::kSupported) << "no events beside the lines";
+  EXPECT_EQ(evaluate(0.7, 0.9 * options_.min_contrast), Kind::kSupported) << "the spread of a right pose";
 }
 
 TEST_F(HealthTest, AFifthOfAPoseDoesNotSupportIt) {
@@ -313,18 +333,7 @@ TEST_F(DenseLinesTest, LinesWithoutPowerOfTheirOwnSupportAPoseTogether) {
 class RingHealthTest : public ::testing::Test {
  protected:
   static constexpr int kElements = 48;
-  RingHealthTest() : tracked_(kElements) {
-    const auto corner = [](int i) {
-      const double angle = 2.0 * M_PI * i / kElements;
-      return Eigen::Vector3d(0.06 * std::cos(angle), 0.06 * std::sin(angle), 0.0);
-    };
-    for (int k = 0; k < kElements; ++k) {
-      tracked_[k].p1 = corner(k);
-      tracked_[k].p2 = corner(k + 1);
-      tracked_[k].is_element = true;
-      tracked_[k].previous = (k + kElements - 1) % kElements;
-      tracked_[k].next = (k + 1) % kElements;
-    }
+  RingHealthTest() {
     state_.camera_from_object = testing::MakePose({0.0, 0.0, 1.0}, {0.0, 0.0, 0.0});
     state_.twist[0] = 0.2;
     ProjectLines(camera_, state_, tracked_, lines_);
@@ -360,7 +369,7 @@ class RingHealthTest : public ::testing::Test {
   const CameraModel camera_ = testing::MakeCamera(640, 480, 1000.0);
   const HealthOptions options_;
   const NearProbability near_probability_{options_};
-  std::vector<TrackedLine> tracked_;
+  const std::vector<TrackedLine> tracked_ = testing::TrackedRing(kElements, 0.06);
   MotionState state_;
   std::vector<ImageLine> lines_;
   TileGrid grid_{camera_};
