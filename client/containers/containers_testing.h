@@ -20,7 +20,7 @@ namespace evpose::client {
 struct ReadRecording {
   RecordingHeader header;
   std::vector<Event> events;
-  std::vector<Trigger> triggers;
+  std::vector<evpose::Trigger> triggers;
   DecodeCounts counts;
   std::vector<SkippedParts> skipped;
   std::vector<size_t> losses;  // the number of events before each loss

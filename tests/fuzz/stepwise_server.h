@@ -85,7 +85,7 @@ class StepwiseStore : public server::Store {
     return std::make_unique<StepwiseLease>(sessions_, committer_, record.name, token, /*next_pose_seq=*/1);
   }
   absl::StatusOr<AcquiredSession> AcquireSession(absl::string_view name) override {
-    EVPOSE_ASSIGN_OR_RETURN(server::MemorySession acquired, sessions_.Take(name, "holder"));
+    EVPOSE_ASSIGN_OR_RETURN(server::MemorySession acquired, sessions_.Acquire(name, "holder"));
     return AcquiredSession{
         .session = std::move(acquired.stored),
         .lease = std::make_unique<StepwiseLease>(sessions_, committer_, name, acquired.token, acquired.next_pose_seq)};
