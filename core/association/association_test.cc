@@ -11,6 +11,7 @@
 
 #include "core/association/line_events.h"
 #include "core/association/observation_testing.h"
+#include "core/association/tracked_ring_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 
@@ -177,21 +178,10 @@ TEST(KeepLinesWithin, KeepsLinesWithinReachAtTheEventsTime) {
   EXPECT_EQ(beyond.num_lines, 0);
 }
 
-// A regular polygon of elements about the optical axis, counted along the direction of growing angles.
+// A ring about the optical axis whose curve has another number than that of other lines.
 std::vector<TrackedLine> Ring(int count, double radius_m) {
-  std::vector<TrackedLine> ring(static_cast<size_t>(count));
-  const auto corner = [&](int i) {
-    const double angle = 2.0 * M_PI * i / count;
-    return Eigen::Vector3d(radius_m * std::cos(angle), radius_m * std::sin(angle), 0.0);
-  };
-  for (int i = 0; i < count; ++i) {
-    ring[i].curve = 5;
-    ring[i].p1 = corner(i);
-    ring[i].p2 = corner(i + 1);
-    ring[i].is_element = true;
-    ring[i].previous = (i + count - 1) % count;
-    ring[i].next = (i + 1) % count;
-  }
+  std::vector<TrackedLine> ring = testing::TrackedRing(count, radius_m);
+  for (TrackedLine& line : ring) line.curve = 5;
   return ring;
 }
 

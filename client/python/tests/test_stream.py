@@ -339,31 +339,14 @@ class ResumptionTest(StreamTest):
             self.serve(breaks).track([A], retry=evpose.RetryOptions(max_outage_s=0.0)).read_all()
 
     def test_full_servers_are_tried_again_after_their_delay(self):
-        def refuses(stream):
-            stream.read("attach")
-            raise Fail(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_STREAMS", retry_in_s=7)
-            yield
-
-        def accepts(stream):
-            stream.read("attach")
-            yield from summary_at_once(stream)
-
+        refuses = refusal("TOO_MANY_STREAMS")
         for num_servers, waits in ((1, [7.0, 7.0]), (2, [0.0, 7.0])):
             scripted = self.serve(refuses, refuses, accepts)
             self.assertEqual(list(scripted.track([], num_servers=num_servers)), [])
             self.assertEqual(scripted.clock.waits, waits)
 
     def test_a_refused_stream_attaches_at_the_server_of_a_new_connection(self):
-        def refuses(stream):
-            stream.read("attach")
-            raise Fail(grpc.StatusCode.RESOURCE_EXHAUSTED, "TENANT_QUOTA", retry_in_s=7)
-            yield
-
-        def accepts(stream):
-            stream.read("attach")
-            yield from summary_at_once(stream)
-
-        at_quota, free = self.serve(refuses), self.serve(accepts)
+        at_quota, free = self.serve(refusal("TENANT_QUOTA")), self.serve(accepts)
         balancer = Balancer(at_quota.address, free.address)
         self.addCleanup(balancer.close)
         self.assertEqual(list(at_quota.track([], address=balancer.address)), [])
@@ -389,6 +372,21 @@ def summary_at_once(stream):
     yield attached()
     stream.read("end")
     yield summary(0)
+
+
+def accepts(stream):
+    """A stream without events that attaches and ends."""
+    stream.read("attach")
+    yield from summary_at_once(stream)
+
+
+def refusal(reason):
+    """A stream that is refused with this reason when it attaches."""
+    def refuses(stream):
+        stream.read("attach")
+        raise Fail(grpc.StatusCode.RESOURCE_EXHAUSTED, reason, retry_in_s=7)
+        yield
+    return refuses
 
 
 class ViolationTest(StreamTest):

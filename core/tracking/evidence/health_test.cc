@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "core/association/observation_testing.h"
+#include "core/association/tracked_ring_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
-#include "core/tracking/evidence/tracked_ring_testing.h"
 
 namespace evpose {
 namespace {

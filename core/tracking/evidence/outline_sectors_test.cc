@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "core/association/observation_testing.h"
+#include "core/association/tracked_ring_testing.h"
 #include "core/estimation/ideal_events_testing.h"
 #include "core/numerics/random.h"
 #include "core/tracking/evidence/health.h"
-#include "core/tracking/evidence/tracked_ring_testing.h"
 
 namespace evpose {
 namespace {
@@ -169,8 +169,8 @@ class OutlineSectorsFalseAlarms : public OutlineSectorsTest {
 };
 
 TEST_F(OutlineSectorsFalseAlarms, OfTheRightPoseAreRarerThanOneInAThousand) {
-  // The sectors of the right pose have the least number of events that the motion causes, 400 in the mean, in groups of
-  // five, whose number has a Poisson distribution: the variance of the number of events is five times its mean.
+  // Each sector of the right pose has 400 events on average, the least number that the motion causes. They occur in
+  // groups of five. The number of groups has a Poisson distribution: the variance of the events is five times the mean.
   constexpr int kRuns = 2000, kWindows = 50;
   constexpr double kExpected = 8.0;
   const int group = static_cast<int>(options_.dispersion);
