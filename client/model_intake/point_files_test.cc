@@ -33,7 +33,8 @@ std::string ErrorOf(const std::string& name, const std::string& contents) {
   return std::string(Load(name, contents).status().message());
 }
 
-// The box, whose 24 points are in the primitive `mode` besides, or only there.
+// A box with a further primitive of this mode that has its 24 points; without triangles, this primitive is the only
+// one.
 json BoxWithPrimitive(int mode, bool has_triangles) {
   json document = json::parse(ReadFile(FindTestData("models/label_box.gltf"), 1u << 20).value());
   document["meshes"][0]["primitives"].push_back({{"attributes", {{"POSITION", 0}}}, {"mode", mode}});

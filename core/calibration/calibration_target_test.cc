@@ -109,8 +109,8 @@ TEST(CalibrationTarget, PolygonsAreSixPercentOfThePatternApart) {
   }
 }
 
-// LineSampler would measure two edges together whose directions differ by a sine below 0.1, and which are nearer than
-// three of its smallest gates, 6 px. The image of the sheet is 320 px wide, a quarter of the width of an EVK4.
+// LineSampler would measure two edges as one if the sine of the angle between them is below 0.1 and their distance is
+// below 6 px, three of its smallest gates. The image of the sheet is 320 px wide, a quarter of the width of an EVK4.
 TEST(CalibrationTarget, NearlyParallelEdgesAreSoFarApartThatTheirEventsAreNotMixedUp) {
   struct Sheet {
     const char* page;

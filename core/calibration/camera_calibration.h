@@ -21,8 +21,8 @@
 namespace evpose {
 
 // The defaults are validated by calibrate_test (CalibrateFindsTheCameraFromTheTargetAlone). tests/bench/
-// self_calibration.py found errors of at most 2.4 standard errors for three lenses, of which two were measured before
-// the prior and the penalty of the slope were added (core/calibration/README.md, section 4).
+// self_calibration.py measured errors of at most 2.4 standard errors with three lenses. Two of them were measured
+// before the prior and the penalty of the slope were added (core/calibration/README.md, section 4).
 struct CameraCalibrationOptions {
   // First guess of the focal length, pixels; nullopt: several are tried on the first recording. Tracking tolerates a
   // guess that is 20 % off.

@@ -16,8 +16,8 @@ namespace {
 
 constexpr double kPrintedEdgeM = 0.15;
 
-// A cube whose faces have four printed lines along each direction, at least 35 mm from the parallel edges: beyond the
-// gates of these, except on a face that is seen at a grazing angle.
+// A cube with four printed lines in each direction on each face. They are at least 35 mm from the parallel edges and
+// thus outside the gates of these edges, except on a face that is seen at a grazing angle.
 ObjectModel PrintedCube() {
   constexpr double kHalfLengthM = 0.05;
   ObjectModel cube = *testing::MakeCube(kPrintedEdgeM);

@@ -74,7 +74,7 @@ TEST_F(InfoOfSimulationTest, DescribesASimulatedRecording) {
   EXPECT_THAT(text.out, HasSubstr("sha256     " + info.Json()["sha256"].get<std::string>()));
 }
 
-// The packets of a bag contain the words of the camera, whose first time word is the zero of Metavision in a RAW file.
+// The packets of a bag contain the camera's words. As in a RAW file, the first time word is the zero of Metavision.
 TEST_F(InfoOfSimulationTest, ABagOfPacketsHasTheZeroOfItsFirstTimeWord) {
   const std::string bag = FindTestData("evt3_packets_first_3/packets.db3");
   const nlohmann::json info = Run({"info", bag, "--json"}).Json();

@@ -144,7 +144,7 @@ class Endpoint:
         self._make_channel = make_channel
         self._lock = threading.Lock()
         self._connection = _Connection(channel)
-        self._left: list[_Connection] = []  # earlier connections, whose calls may not have ended
+        self._left: list[_Connection] = []  # earlier connections: calls on them may be under way
         self._has_refused = False
         self._is_unreachable = False  # a call did not reach the server, and the channel has not been connected since
         self._closed = threading.Event()
