@@ -78,6 +78,7 @@ class Housing {
   bool Encloses(absl::Span<const uint32_t> shell, size_t& budget) const {
     const size_t step = std::max<size_t>(1, shell.size() / kInsideSamples);
     for (size_t i = 0; i < shell.size(); i += step) {
+      YieldPoint();
       const TrianglePoints points = PointsOf(mesh_, shell[i]);
       if (!IsInside((points[0] + points[1] + points[2]) / 3.0, budget)) return false;
     }
@@ -186,6 +187,7 @@ InnerShells RemoveInnerShells(double tolerance_m, absl::Span<const uint32_t> she
     if (is_inner[housing]) continue;
     std::optional<Housing> search;
     for (uint32_t shell = 0; shell < num_shells && budget > 0; ++shell) {
+      YieldPoint(shell);
       if (shell == housing || is_inner[shell] || !boxes[housing].contains(boxes[shell])) continue;
       if (!search) search.emplace(mesh, shells[housing], boxes[housing], tolerance_m);
       is_inner[shell] = search->Encloses(shells[shell], budget);
