@@ -89,11 +89,7 @@ TEST_F(TrackEndTest, ACancelledStreamLeavesTheSessionDetached) {
 }
 
 TEST_F(TrackEndTest, AServerThatShutsDownNotifiesItsStreamsAndLetsThemFinish) {
-  // A socket, because gRPC's in-process channel may drop a final status that was not read before the server closed.
-  ServerOptions options = Options();
-  options.listen_address = "127.0.0.1:0";
-  Connect(options);
-  Use(grpc::CreateChannel(absl::StrCat("127.0.0.1:", server_->port()), grpc::InsecureChannelCredentials()));
+  ConnectThroughSocket(Options());
   const CreatedSession session = CreateSession();
   const auto track = Attached(session);
   const CreatedSession other = CreateSession();

@@ -60,8 +60,7 @@ v1::Mesh CubeMesh() {
 TEST_F(UploadTest, TheEndOfTheServerEndsAnUploadUnderWay) {
   ServerOptions options = Options();
   options.max_model_store_bytes = options.max_model_bytes;
-  server_ = StartServer(options, FakeTrackers(gate_)).value();
-  Use(server_->InProcessChannel());
+  ConnectThroughSocket(options);
   grpc::ClientContext context;
   v1::Model model, other;
   const auto upload = models_->UploadModel(&context, &model);
