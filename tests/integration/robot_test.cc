@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fstream>
 
+#include "absl/strings/str_cat.h"
 #include "core/geometry/trajectory.h"
 #include "core/geometry/transform_file.h"
 #include "tests/integration/cli_fixture.h"
@@ -170,6 +171,10 @@ TEST_F(RobotTest, WrongUsageIsNamed) {
   EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot}, 2), HasSubstr("-o is required"));
   EXPECT_THAT(error({"calibrate", poses, poses, "--hand-eye", robot, "-o", out}, 2), HasSubstr("one file"));
   EXPECT_THAT(error({"calibrate", poses, "--mount", "beside", "-o", out}, 2), HasSubstr("--hand-eye"));
+  for (const char* option : {"--model", "--camera", "--lens"}) {
+    EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot, "-o", out, option, "brown"}, 2),
+                HasSubstr(absl::StrCat(option, " and --hand-eye exclude each other")));
+  }
   EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot, "--time-offset", "soon", "-o", out}, 2),
               HasSubstr("\"soon\" is neither auto nor a number"));
   EXPECT_THAT(error({"calibrate", poses, "--hand-eye", robot, "--time-offset", "0", "-o", out}, 1),

@@ -6,10 +6,12 @@
 #include <string>
 #include <vector>
 
+#include "absl/algorithm/container.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/string_view.h"
 #include "client/cli/common/pose_reader.h"
 #include "client/cli/common/pose_records.h"
 #include "core/base/output_file.h"
@@ -23,6 +25,8 @@ namespace evpose::client {
 namespace {
 
 constexpr char kHandEyeGroup[] = "Camera on a robot or beside it";
+// The other options of the command apply to recordings.
+constexpr absl::string_view kSharedOptions[] = {"--help", "--out", "--json"};
 
 // The pose of the camera in the frame in which it is at rest: that of the base of a robot beside it, or of the tool
 // that carries it.
@@ -133,6 +137,9 @@ absl::StatusOr<std::optional<double>> ParseTimeOffset(const std::string& text) {
 }
 
 void HandEyeArguments::AddTo(CLI::App& app) {
+  const std::vector<CLI::Option*> of_recordings = app.get_options([](const CLI::Option* option) {
+    return !option->get_positional() && !absl::c_linear_search(kSharedOptions, option->get_name());
+  });
   app.option_defaults()->group(kHandEyeGroup);
   CLI::Option* const hand_eye = AddFile(
       app, "--hand-eye", reference,
@@ -148,6 +155,7 @@ void HandEyeArguments::AddTo(CLI::App& app) {
       ->type_name("auto|SECONDS")
       ->capture_default_str()
       ->needs(hand_eye);
+  for (CLI::Option* const option : of_recordings) hand_eye->excludes(option);
 }
 
 absl::Status RunHandEye(const HandEyeArguments& arguments, const std::string& poses, const std::string& out,

@@ -18,6 +18,7 @@ struct HandEyeArguments {
   std::string mount = "auto";
   std::string time_offset = "auto";
 
+  // Adds the options after those of the calibrations by recordings, which are refused together with --hand-eye.
   void AddTo(CLI::App& app);
 };
 
