@@ -63,6 +63,7 @@ TEST_F(ModelFormatsTest, AnInspectionPredictsWhereTheObjectCanBeFound) {
   const nlohmann::json findability = json.Json()["findability"];
   EXPECT_EQ(findability["views"], 96);
   EXPECT_EQ(findability["findable_views"], 96);
+  EXPECT_EQ(findability["ambiguous_views"], 0);
   EXPECT_EQ(findability["thin_views"], 0);
   EXPECT_EQ(findability["rivals"].size(), 0u) << "half turns are symmetries of a cube";
   ASSERT_EQ(findability["by_view"].size(), 96u);
@@ -87,6 +88,25 @@ TEST_F(ModelFormatsTest, AHalfTurnWithoutASimilarViewIsNotReported) {
   EXPECT_LT(num_similar, rivals.size());
   EXPECT_EQ(text.find("confusable") != std::string::npos, num_similar > 0) << text;
   EXPECT_THAT(text, ::testing::Not(HasSubstr("in 0 of 96 views")));
+}
+
+TEST_F(ModelFormatsTest, AnInspectionCountsTheViewsInWhichAHalfTurnIsSimilar) {
+  // A cuboid of which one vertex is displaced: only views of this vertex tell it from its half turns.
+  WriteText("cuboid.obj",
+            "v 0 0 0\nv 0.2 0 0\nv 0.2 0.12 0\nv 0 0.12 0\nv 0 0 0.08\nv 0.2 0 0.08\nv 0.19 0.113 0.073\n"
+            "v 0 0.12 0.08\nf 1 4 3 2\nf 1 2 6 5\nf 2 3 7\nf 2 7 6\nf 3 4 8\nf 3 8 7\nf 4 1 5 8\nf 5 6 7\nf 5 7 8\n");
+  const nlohmann::json findability = Run({"models", "inspect", Path("cuboid.obj"), "--json"}).Json()["findability"];
+  int num_ambiguous = 0;
+  for (const nlohmann::json& view : findability["by_view"]) {
+    const std::vector<double> shares = view["differing_share"];
+    const bool is_similar = std::any_of(shares.begin(), shares.end(), [](double share) { return share < 0.1; });
+    num_ambiguous += !view["smallest_px"].is_null() && is_similar ? 1 : 0;
+  }
+  EXPECT_EQ(findability["ambiguous_views"], num_ambiguous);
+  EXPECT_GT(num_ambiguous, 0);
+  EXPECT_LT(num_ambiguous, 96);
+  EXPECT_THAT(Run({"models", "inspect", Path("cuboid.obj")}).out,
+              HasSubstr(absl::StrCat("in ", num_ambiguous, " of these views AMBIGUOUS is expected: less than 10 %")));
 }
 
 TEST_F(ModelFormatsTest, AModelWithoutFacesIsReported) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <string>
 
+#include "absl/algorithm/container.h"
 #include "absl/strings/str_format.h"
 #include "core/numerics/statistics.h"
 
@@ -27,11 +28,14 @@ struct RivalSummary {
 
 struct FindabilitySummary {
   size_t num_findable = 0;
-  double median_px = 0.0;  // median of the smallest sizes, over the views from which the object can be found
+  size_t num_ambiguous = 0;  // of the findable views, those in which a half turn is similar
+  double median_px = 0.0;    // median of the smallest sizes, over the views from which the object can be found
   double worst_px = 0.0;
   size_t num_thin = 0;  // views with less than FindabilityOptions::min_edge_px of edges
   std::vector<RivalSummary> rivals;
 };
+
+bool IsSimilar(const HalfTurnRival& rival) { return rival.differing_share < kSimilarShare; }
 
 RivalSummary SummariseRival(const std::vector<ViewFindability>& views, size_t rival) {
   RivalSummary summary;
@@ -40,7 +44,7 @@ RivalSummary SummariseRival(const std::vector<ViewFindability>& views, size_t ri
   for (const ViewFindability& view : views) {
     shares.push_back(view.rivals[rival].differing_share);
     lengths_px.push_back(view.rivals[rival].differing_px);
-    summary.num_similar += shares.back() < kSimilarShare ? 1 : 0;
+    summary.num_similar += IsSimilar(view.rivals[rival]) ? 1 : 0;
   }
   summary.least_share = *std::min_element(shares.begin(), shares.end());
   summary.median_share = UpperMedian(shares);
@@ -53,7 +57,10 @@ FindabilitySummary SummariseFindability(const std::vector<ViewFindability>& view
   FindabilitySummary summary;
   std::vector<double> smallest_px;
   for (const ViewFindability& view : views) {
-    if (std::isfinite(view.smallest_px)) smallest_px.push_back(view.smallest_px);
+    if (std::isfinite(view.smallest_px)) {
+      smallest_px.push_back(view.smallest_px);
+      summary.num_ambiguous += absl::c_any_of(view.rivals, IsSimilar) ? 1 : 0;
+    }
     summary.num_thin += view.edge_px < FindabilityOptions().min_edge_px ? 1 : 0;
   }
   summary.num_findable = smallest_px.size();
@@ -79,6 +86,7 @@ Json FindabilityJson(const std::vector<ViewFindability>& views, const ObjectMode
   const bool is_found = summary.num_findable > 0;
   Json json = {{"views", views.size()},
                {"findable_views", summary.num_findable},
+               {"ambiguous_views", summary.num_ambiguous},
                {"smallest_px_median", is_found ? Json(summary.median_px) : Json(nullptr)},
                {"smallest_px_worst", is_found ? Json(summary.worst_px) : Json(nullptr)},
                {"min_edge_px", FindabilityOptions().min_edge_px},
@@ -121,6 +129,13 @@ void PrintFindability(const std::vector<ViewFindability>& views, const ObjectMod
                            summary.median_px, summary.worst_px,
                            FormatLength(DistanceM(summary.median_px, model, camera)),
                            FormatLength(DistanceM(summary.worst_px, model, camera)));
+  }
+  if (summary.num_ambiguous > 0) {
+    out << absl::StrFormat(
+        "\n             in %d of these views AMBIGUOUS is expected: less than %.0f %% of the edges differ from those "
+        "of a "
+        "half turn",
+        summary.num_ambiguous, 100.0 * kSimilarShare);
   }
   out << absl::StrFormat("\n             %.0f %% of the views show less than %.0f px of edges at a size of %.0f px\n",
                          100.0 * static_cast<double>(summary.num_thin) / static_cast<double>(views.size()),
