@@ -10,6 +10,7 @@
 #include "client/cli/common/table_cell.h"
 #include "client/cli/console/progress.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/experiments/first_pose/event_trials.h"
 #include "core/numerics/statistics.h"
 #include "core/simulation/simulator.h"
@@ -141,13 +142,13 @@ void FromEventsArguments::AddTo(CLI::App& app, CLI::Option* from_events) {
     return app.add_option(name, value, description)->needs(from_events)->capture_default_str();
   };
   add("--starts", trial.num_starts, "Number of starts of the tracker in the recording of each object")
-      ->check(CLI::Range(1, 100'000));
-  add("--duration", duration_s, "Length of each recording")->check(CLI::Range(0.25, 1800.0))->type_name("SECONDS");
+      ->check(NumberRange(1, 100'000));
+  add("--duration", duration_s, "Length of each recording")->check(NumberRange(0.25, 1800.0))->type_name("SECONDS");
   add("--noise", trial.noise_ratio, "Share of all events that are noise")
-      ->check(CLI::Range(0.0, 0.9))
+      ->check(NumberRange(0.0, 0.9))
       ->type_name("RATIO");
   add("--speed", trial.speed_scale, "Factor on the speed of the motion")
-      ->check(CLI::Range(0.01, 100.0))
+      ->check(NumberRange(0.01, 100.0))
       ->type_name("FACTOR");
   add("--camera", trial.camera, "Sensor and lens")->check(CLI::IsMember(SimulatedCameraNames()));
   add("--detector", trial.detector,
@@ -155,7 +156,7 @@ void FromEventsArguments::AddTo(CLI::App& app, CLI::Option* from_events) {
       ->check(CLI::IsMember(LineDetectorNames()));
   add("--returns", num_returns,
       "Number of recordings in which the object leaves for a second and returns at another place")
-      ->check(CLI::Range(0, 10'000));
+      ->check(NumberRange(0, 10'000));
 }
 
 absl::Status RunFromEvents(const FromEventsArguments& arguments, const std::vector<std::string>& objects, uint64_t seed,

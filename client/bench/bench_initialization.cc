@@ -13,6 +13,7 @@
 #include "client/bench/bench_from_events.h"
 #include "client/cli/common/table_cell.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/experiments/first_pose/initialization_bench.h"
 #include "core/experiments/first_pose/initialization_methods.h"
 
@@ -157,7 +158,7 @@ constexpr char kAboutEvents[] =
 void AddLineOptions(CLI::App& app, InitializationArguments& arguments, CLI::Option* from_events) {
   app.option_defaults()->group("Experiment with lines");
   AddOption(app, "--trials", arguments.options.num_trials, "Number of random poses of each object and clutter",
-            CLI::Range(1, 1'000'000))
+            NumberRange(1, 1'000'000))
       ->excludes(from_events);
   AddNames(app, "--methods", arguments.options.methods, "Run only these methods")->excludes(from_events);
   app.add_option("--clutter", arguments.clutter, "Numbers of spurious and missing lines. Default: 0/0, 2/1 and 4/2")

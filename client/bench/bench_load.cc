@@ -17,6 +17,7 @@
 #include "client/bench/metrics_page.h"
 #include "client/cli/console/progress.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/numerics/statistics.h"
 
 namespace evpose::client {
@@ -256,22 +257,22 @@ constexpr char kAboutLoad[] =
 CommandRunner AddBenchLoadCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<LoadArguments>();
   app.option_defaults()->group(kExperimentGroup);
-  AddOption(app, "--sessions", arguments->sessions, "Number of sessions at a time", CLI::Range(1, 100'000));
+  AddOption(app, "--sessions", arguments->sessions, "Number of sessions at a time", NumberRange(1, 100'000));
   AddOption(app, "--rate", arguments->rate_hz, "Events per second of each session",
-            CLI::Range(LoadRecording::kMinRateHz, LoadRecording::kMaxRateHz))
+            NumberRange(LoadRecording::kMinRateHz, LoadRecording::kMaxRateHz))
       ->type_name("HZ");
   AddOption(app, "--minutes", arguments->minutes, "Length of the test, after the creation of the sessions",
-            CLI::Range(0.001, 1e5))
+            NumberRange(0.001, 1e5))
       ->type_name("MINUTES");
   AddOption(app, "--churn", arguments->churn_per_minute,
-            "Number of sessions per minute that end and are replaced by new ones", CLI::Range(0.0, 1e5))
+            "Number of sessions per minute that end and are replaced by new ones", NumberRange(0.0, 1e5))
       ->type_name("PER_MINUTE");
   AddOption(app, "--watchers", arguments->watchers, "Number of readers of poses, of all sessions together",
-            CLI::Range(0, 100'000));
-  AddOption(app, "--watch-hz", arguments->watch_hz, "Most poses per second for a watcher", CLI::Range(0.1, 1e4))
+            NumberRange(0, 100'000));
+  AddOption(app, "--watch-hz", arguments->watch_hz, "Most poses per second for a watcher", NumberRange(0.1, 1e4))
       ->type_name("HZ");
   AddOption(app, "--chunk-ms", arguments->chunk_ms, "Period of the chunks of events",
-            CLI::Range(1.0, 1e-3 * static_cast<double>(LoadRecording::kMaxChunkUs)))
+            NumberRange(1.0, 1e-3 * static_cast<double>(LoadRecording::kMaxChunkUs)))
       ->type_name("MILLISECONDS");
   AddNames(
       app, "--metrics", arguments->metrics,

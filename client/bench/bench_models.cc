@@ -18,6 +18,7 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/simulation/simulator.h"
 
 namespace evpose::client {
@@ -189,15 +190,15 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
             "Metres per unit of the files of a directory without models.json: 0.001 for millimetres", AboveZero())
       ->type_name("FACTOR");
   app.option_defaults()->group(kExperimentGroup);
-  AddOption(app, "--seeds", arguments->options.num_seeds, "Number of recordings of each model", CLI::Range(1, 1000));
-  AddOption(app, "--duration", arguments->duration_s, "Length of a recording", CLI::Range(0.01, 1800.0))
+  AddOption(app, "--seeds", arguments->options.num_seeds, "Number of recordings of each model", NumberRange(1, 1000));
+  AddOption(app, "--duration", arguments->duration_s, "Length of a recording", NumberRange(0.01, 1800.0))
       ->type_name("SECONDS");
   AddOption(app, "--camera", arguments->options.camera, "Sensor and lens", CLI::IsMember(SimulatedCameraNames()));
   AddOption(app, "--scene", arguments->scene,
             "standard: a background at rest; occluder: also a bar that hides 35 % of the object; moving-background: a "
             "background that moves in the image",
             CLI::IsMember(ModelBenchSceneNames()));
-  AddOption(app, "--noise", arguments->options.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9))
+  AddOption(app, "--noise", arguments->options.noise_ratio, "Share of all events that are noise", NumberRange(0.0, 0.9))
       ->type_name("RATIO");
   app.add_option("--recordings", arguments->options.recordings,
                  "Directory where the simulated recordings are kept and used again")
@@ -205,11 +206,11 @@ CommandRunner AddBenchModelsCommand(CLI::App& app, CliContext& context) {
   CLI::Option* const first_pose =
       app.add_flag("--first-pose", arguments->is_first_pose, "Find the first pose without a prior, instead");
   AddOption(app, "--starts", arguments->first_pose.num_starts, "Number of starts in each recording of --first-pose",
-            CLI::Range(1, 10'000))
+            NumberRange(1, 10'000))
       ->needs(first_pose);
   app.add_option("--watch", arguments->watch_s, "Length of the events after a start of --first-pose")
       ->type_name("SECONDS")
-      ->check(CLI::Range(0.01, 1800.0))
+      ->check(NumberRange(0.01, 1800.0))
       ->default_str("0.4")
       ->needs(first_pose);
   CLI::Option* const shown =

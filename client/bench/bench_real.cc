@@ -14,6 +14,7 @@
 #include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/experiments/tracking/real_bench.h"
 #include "core/experiments/tracking/real_check.h"
 
@@ -196,13 +197,13 @@ CommandRunner AddBenchRealCommand(CLI::App& app, CliContext& context) {
             "present: recordings of the objects; absent: searches for objects that are not in view",
             CLI::IsMember({"all", "present", "absent"}));
   AddOption(app, "--starts", arguments->options.num_starts, "Number of start times of each recording",
-            CLI::Range(1, 1000));
+            NumberRange(1, 1000));
   AddOption(app, "--absent-starts", arguments->options.num_absent_starts,
-            "Number of start times of each search for an absent object", CLI::Range(1, 1000));
+            "Number of start times of each search for an absent object", NumberRange(1, 1000));
   AddOption(app, "--duration", arguments->duration_s,
-            "Longest time of a run from a start time; 0: to the end of the recording", CLI::Range(0.0, 3600.0))
+            "Longest time of a run from a start time; 0: to the end of the recording", NumberRange(0.0, 3600.0))
       ->type_name("SECONDS");
-  AddOption(app, "--bound-px", arguments->options.bound_px, "Largest error of a right pose", CLI::Range(0.01, 1000.0))
+  AddOption(app, "--bound-px", arguments->options.bound_px, "Largest error of a right pose", NumberRange(0.01, 1000.0))
       ->type_name("PIXELS");
   app.option_defaults()->group(kOutputGroup);
   AddOutputFile(app, "-o,--out", arguments->out, "JSON with all runs; the file appears when it is complete");
@@ -214,13 +215,13 @@ CommandRunner AddBenchRealCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--min-found", arguments->limits.min_found_ratio,
             "Under --check: least share of the starts without a prior, of those in which the object moves, from which "
             "it is found with a right first pose",
-            CLI::Range(0.0, 1.0))
+            NumberRange(0.0, 1.0))
       ->type_name("RATIO")
       ->needs(check);
   AddOption(app, "--min-right", arguments->limits.min_right_ratio,
             "Under --check: least share of the time with a right pose, from the reference pose on, while the object "
             "moves",
-            CLI::Range(0.0, 1.0))
+            NumberRange(0.0, 1.0))
       ->type_name("RATIO")
       ->needs(check);
   app.footer(absl::StrCat(kRealTableHelp,

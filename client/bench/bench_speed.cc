@@ -17,6 +17,7 @@
 #include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/experiments/speed/speed_bench.h"
 
 namespace evpose::client {
@@ -223,10 +224,10 @@ CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
   auto arguments = std::make_shared<SpeedArguments>();
   app.option_defaults()->group(kExperimentGroup);
   AddNames(app, "--parts", arguments->parts, "Run only these parts: " + absl::StrJoin(AllParts(), ", "));
-  AddOption(app, "--duration", arguments->duration_s, "Length of each recording", CLI::Range(0.01, 10.0))
+  AddOption(app, "--duration", arguments->duration_s, "Length of each recording", NumberRange(0.01, 10.0))
       ->type_name("SECONDS");
   AddOption(app, "--repetitions", arguments->service.num_repetitions,
-            "Number of repetitions; the shortest time is reported", CLI::Range(1, 1000));
+            "Number of repetitions; the shortest time is reported", NumberRange(1, 1000));
   AddOutputFile(app, "-o,--out", arguments->out,
                 "JSON with the table, for tests/bench/compare.py; the file appears when it is complete")
       ->group(kOutputGroup);
@@ -234,7 +235,7 @@ CommandRunner AddBenchSpeedCommand(CLI::App& app, CliContext& context) {
   app.add_option("--server-pid", arguments->service.server_pid,
                  "Process of --server on this machine, for the processor time of the server")
       ->type_name("PID")
-      ->check(CLI::Range(1, 1 << 22))
+      ->check(NumberRange(1, 1 << 22))
       ->needs(app.get_option("--server"))
       ->group(kConnectionGroup);
   app.footer(absl::StrCat(About(), "\nExample:\n  evpose bench speed --parts decode --duration 0.1 --out speed.json"));

@@ -13,6 +13,7 @@
 #include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/experiments/synthetic/synthetic_bench.h"
 
 namespace evpose::client {
@@ -190,13 +191,13 @@ CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context) {
   SyntheticBenchOptions& options = arguments->options;
   app.option_defaults()->group(kExperimentGroup);
   AddOption(app, "--trials", options.num_trials, "Number of trials of each value of each sweep",
-            CLI::Range(1, 1'000'000));
+            NumberRange(1, 1'000'000));
   app.add_option("--seed", options.seed, "Seed of the trials; the same seed gives the same trials")
       ->capture_default_str();
   AddNames(app, "--sweeps", arguments->sweeps, "Run only these sweeps: noise, outliers, lines");
   AddNames(app, "--methods", options.methods, "Run only these methods");
   AddOption(app, "--start-factor", options.start_factor, "Factor on the distance of the start from the truth",
-            CLI::Range(0.0, 100.0))
+            NumberRange(0.0, 100.0))
       ->type_name("FACTOR");
   AddOutputFile(app, "--csv", arguments->csv, "CSV with the table; the file appears when it is complete")
       ->group(kOutputGroup);

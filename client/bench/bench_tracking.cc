@@ -14,6 +14,7 @@
 #include "client/cli/console/progress.h"
 #include "core/base/output_file.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/experiments/tracking/tracking_bench.h"
 
 namespace evpose::client {
@@ -87,11 +88,11 @@ CommandRunner AddBenchTrackingCommand(CLI::App& app, CliContext& context) {
   AddNames(app, "--scenarios", arguments->options.scenarios, "Run only these scenarios");
   AddNames(app, "--estimators", arguments->options.estimators, "Run only these estimators");
   AddOption(app, "--seeds", arguments->options.num_seeds,
-            "Number of seeds of the sensor, the noise and the textures of each scenario", CLI::Range(1, 1000));
+            "Number of seeds of the sensor, the noise and the textures of each scenario", NumberRange(1, 1000));
   AddOption(app, "--paths", arguments->options.num_paths, "Number of motions; each seed is run on each of them",
-            CLI::Range(1, 1000));
+            NumberRange(1, 1000));
   AddOption(app, "--duration", arguments->duration_s,
-            "Longest part of a recording that is used; 0: as long as the scenario is", CLI::Range(0.0, 1800.0))
+            "Longest part of a recording that is used; 0: as long as the scenario is", NumberRange(0.0, 1800.0))
       ->type_name("SECONDS");
   app.add_option("--recordings", arguments->options.recordings,
                  "Directory where the simulated recordings are kept and used again")

@@ -14,6 +14,7 @@
 #include "absl/strings/str_join.h"
 #include "client/bench/bench.h"
 #include "client/cli/commands/commands.h"
+#include "client/cli/console/standard_streams.h"
 #include "client/cli/file_arguments.h"
 #include "client/cli/first_steps.h"
 #include "core/base/version.h"
@@ -117,8 +118,9 @@ int ExitStatus(int status, const std::string& name, CliContext& context) {
   if (&context.out == &std::cout && poll(&output, 1, 0) == 1 && (output.revents & POLLERR) != 0) {
     return kFailed;  // the reader of a pipe, such as head, has ended: it has read what it wanted
   }
-  context.err << name << ": the result could not be written completely to standard output: the disk is full"
-              << std::endl;
+  const bool is_closed = &context.out == &std::cout && IsStandardOutputClosed();
+  context.err << name << ": the result could not be written completely to standard output: "
+              << (is_closed ? "it is closed" : "the disk is full") << std::endl;
   return kFailed;
 }
 

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "client/cli/cli.h"
+#include "client/cli/console/standard_streams.h"
 #include "core/base/temporary_files.h"
 #include "core/base/terminate_by_signal.h"
 #include "core/command_line/help.h"
@@ -43,6 +44,7 @@ void HandleEndSignals(void (*handle)(int)) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  evpose::client::OpenStandardStreams();
   // These commands end with a message. An interrupt ends the others at once. All leave complete files or none.
   const std::string command = argc > 1 ? argv[1] : "";
   const std::string bench = command == "bench" && argc > 2 ? argv[2] : "";

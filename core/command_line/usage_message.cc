@@ -28,6 +28,12 @@ const CLI::Option* FindOption(const CLI::App& command, absl::string_view name) {
   return nullptr;
 }
 
+// The name that --help has: that of an argument without an option is in capitals.
+std::string NameInHelp(const CLI::App& command, absl::string_view name) {
+  const CLI::Option* const option = FindOption(command, name);
+  return option != nullptr && option->get_positional() ? PositionalName(*option) : std::string(name);
+}
+
 std::string Quoted(absl::string_view text) { return absl::StrCat("\"", text, "\""); }
 
 // Divides `text` at the first `separator`; false if it has none.
@@ -50,7 +56,7 @@ std::string ShortNumber(absl::string_view number) {
 // Names the option, and the environment variable if the value is that of the variable.
 std::string SourceOfValue(const CLI::App& command, absl::string_view name) {
   const CLI::Option* const option = FindOption(command, name);
-  if (option == nullptr || option->get_envname().empty()) return std::string(name);
+  if (option == nullptr || option->get_envname().empty()) return NameInHelp(command, name);
   // NOLINTNEXTLINE(concurrency-mt-unsafe): arguments are parsed before the program has a second thread
   const char* const value = std::getenv(option->get_envname().c_str());
   if (value == nullptr || option->results() != std::vector<std::string>{value}) return std::string(name);
@@ -200,7 +206,8 @@ std::string Describe(const CLI::App& command, const CLI::Error& error) {
       return text;
     case CLI::ExitCodes::ExcludesError:
       if (!Divide(text, " excludes ", first, second)) return text;
-      return absl::StrCat(first, " and ", second, " exclude each other: give one of them");
+      return absl::StrCat(NameInHelp(command, first), " and ", NameInHelp(command, second),
+                          " exclude each other: give one of them");
     default:
       return text;
   }

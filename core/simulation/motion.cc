@@ -78,10 +78,11 @@ absl::StatusOr<MotionPath> MotionPath::Create(const MotionOptions& options, cons
   const double front_m = nearest_m - radius_m;
   const Eigen::Vector2d room_m(half_width_ratio * front_m - radius_m, half_height_ratio * front_m - radius_m);
   if (front_m <= 0.0 || room_m.minCoeff() < 0.0) {
+    const double least_m = radius_m * (1.0 + 1.0 / std::min(half_width_ratio, half_height_ratio));
     return absl::InvalidArgumentError(absl::StrFormat(
-        "MotionOptions: an object of radius %.3g m does not fit in view at %.3g m (depth_m %.3g, depth_swing_ratio "
-        "%.3g); give a larger depth_m or a smaller object",
-        radius_m, nearest_m, options.depth_m, options.depth_swing_ratio));
+        "an object of radius %.3g m does not fit in view at %.3g m, the least distance of a motion about %.3g m: give "
+        "a distance (depth_m) of more than %.3g m, or a smaller object",
+        radius_m, nearest_m, options.depth_m, least_m / (1.0 - options.depth_swing_ratio)));
   }
   MotionPath path;
   path.profile_ = options.profile;

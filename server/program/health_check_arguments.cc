@@ -2,6 +2,7 @@
 #include "server/program/health_check_arguments.h"
 
 #include "core/command_line/help.h"
+#include "core/command_line/number_range.h"
 
 namespace evpose::server {
 namespace {
@@ -26,7 +27,7 @@ std::unique_ptr<CLI::App> MakeHealthCheckParser(HealthCheckArguments& arguments)
   app.add_option("address", arguments.address, "Address of the server, HOST:PORT")->type_name("HOST:PORT");
   app.add_option("--timeout", arguments.timeout_s, "Longest wait for a response")
       ->type_name("SECONDS")
-      ->check(CLI::Range(0.001, 3600.0));
+      ->check(NumberRange(0.001, 3600.0));
   app.option_defaults()->group("Servers with TLS");
   app.add_option("--tls-ca", arguments.ca_file, "Authorities that may have signed the server's certificate, PEM")
       ->type_name("FILE")

@@ -13,6 +13,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -25,6 +26,7 @@ namespace evpose {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
@@ -384,6 +386,58 @@ TEST_F(BadInputTest, WrongUsageIsStatusTwo) {
   EXPECT_EQ(Run({"evaluate", "--truth", "a", "--estimate", "b", "--symmetric"}).status, 2);
   EXPECT_EQ(Run({"simulate", "--object", "teapot", "--out", Path("teapot")}).status, 2);
   EXPECT_FALSE(std::filesystem::exists(Path("teapot")));
+}
+
+TEST_F(BadInputTest, NotANumberIsWrongUsage) {
+  const std::string recording = Path("cube/recording.raw");
+  const std::vector<std::string> simulate = {"simulate", "--out", Path("nan")};
+  for (const auto& [command, option, value] :
+       {std::tuple{std::vector<std::string>{"convert", recording, Path("nan.csv")}, "--start", "nan"},
+        {simulate, "--distance", "nan"},
+        {simulate, "--duration", "nan"},
+        {simulate, "--noise", "NaN"},
+        {simulate, "--seed", "-1"},
+        {simulate, "--seed", ""},
+        {simulate, "--path-seed", "18446744073709551616"},
+        {ReplayArguments("nan.tum"), "--pose-rate", "nan"},
+        {ReplayArguments("nan.tum", {"--server", "127.0.0.1:1"}), "--connect-timeout", "nan"}}) {
+    std::vector<std::string> arguments = command;
+    arguments.insert(arguments.end(), {option, value});
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 2) << option;
+    EXPECT_THAT(result.err, ContainsRegex(absl::StrCat(option, ": \"", value, "\" is not a (whole )?number from ")));
+  }
+  EXPECT_THAT(FilesBeginning("nan"), IsEmpty());
+}
+
+TEST_F(BadInputTest, OptionsWithoutEffectAreWrongUsage) {
+  const std::string recording = Path("cube/recording.raw"), truth = Path("cube/truth.tum");
+  const std::string model = Path("cube/model.obj"), camera = Path("cube/camera.yaml");
+  const std::vector<std::string> profile = {"calibrate", recording, "--model", model,
+                                            "--camera",  camera,    "--out",   Path("unused.yaml")};
+  const auto error = [&](std::vector<std::string> arguments, const std::vector<std::string>& more) {
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const CliResult result = Run(arguments);
+    EXPECT_EQ(result.status, 2) << result.err;
+    return result.err;
+  };
+  EXPECT_THAT(error(profile, {"--lens", "fisheye"}), HasSubstr("--lens and --camera exclude each other"));
+  EXPECT_THAT(error({"calibrate", recording, "--model", model, "--camera-out", Path("unused.yaml"), "--name", "x"}, {}),
+              HasSubstr("--name requires --out"));
+  EXPECT_THAT(error({"calibrate", recording, "--model", model, "--camera", camera}, {"--camera-out", "x"}),
+              HasSubstr("--camera-out is for a calibration of the camera"));
+  EXPECT_THAT(
+      error({"render", recording, "--poses", truth, "--model", model, "--camera", camera, "--out", Path("unused.png")},
+            {"--fps", "10"}),
+      HasSubstr("--fps is for films"));
+  for (const char* option : {"--scale", "--crease-angle"}) {
+    EXPECT_THAT(error({"evaluate", "--truth", truth, "--estimate", truth}, {option, "2"}),
+                HasSubstr(absl::StrCat(option, " requires --model")));
+    EXPECT_THAT(error({"view", "--server", "127.0.0.1:1"}, {option, "2"}),
+                HasSubstr(absl::StrCat(option, " and --server exclude each other")));
+  }
+  EXPECT_THAT(error({"simulate", "--out", ""}, {}), HasSubstr("--out: the name is empty"));
+  EXPECT_THAT(FilesBeginning("unused"), IsEmpty());
 }
 
 TEST_F(BadInputTest, HelpAndVersionAreStatusZero) {

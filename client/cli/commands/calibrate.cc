@@ -30,6 +30,7 @@
 #include "core/calibration/sensor_calibration.h"
 #include "core/calibration/tracked_recording.h"
 #include "core/camera_files/camera_file.h"
+#include "core/command_line/number_range.h"
 #include "core/geometry/trajectory.h"
 #include "core/models/object_model.h"
 #include "core/recordings/event_reader.h"
@@ -105,13 +106,13 @@ absl::Status CheckMode(const CalibrateArguments& arguments) {
     return UsageError("without --truth a recording is read several times: give a file instead of standard input");
   }
   if (!arguments.IsCameraWanted()) {
-    if (arguments.out.empty()) return UsageError("-o is required: the file for the profile of the sensor");
     for (const auto& [option, is_given] : {std::pair{"--camera-out", !arguments.camera_out.empty()},
                                            {"--coverage", !arguments.coverage.empty()},
                                            {"--fov", arguments.fov_deg > 0.0},
                                            {"--focal-mm", arguments.focal_mm > 0.0}}) {
       if (is_given) return UsageError(absl::StrCat(option, " is for a calibration of the camera: without --camera"));
     }
+    if (arguments.out.empty()) return UsageError("-o is required: the file for the profile of the sensor");
     return absl::OkStatus();
   }
   if (arguments.camera_out.empty()) {
@@ -403,19 +404,20 @@ void AddCameraOptions(CLI::App& app, CalibrateArguments& arguments) {
              "Picture (.png) of where the object was seen, and of the uncertainty of the projection");
   app.add_option("--lens", arguments.lens,
                  "Model of the lens: brown (5 coefficients), rational (8, for wide lenses) or fisheye")
+      ->excludes(app.get_option("--camera"))
       ->transform(CLI::Transformer(lenses))
       ->default_str("brown");
   CLI::Option* fov = app.add_option("--fov", arguments.fov_deg,
                                     "First guess of the horizontal field of view; an error of 20 % does no harm. "
                                     "Default: several are tried")
                          ->type_name("DEGREES")
-                         ->check(CLI::Range(1.0, 160.0));
+                         ->check(NumberRange(1.0, 160.0));
   CLI::Option* focal = app.add_option("--focal-mm", arguments.focal_mm, "First guess of the focal length")
                            ->type_name("MILLIMETRES")
-                           ->check(CLI::Range(0.1, 1000.0))
+                           ->check(NumberRange(0.1, 1000.0))
                            ->excludes(fov);
   AddOption(app, "--pixel-um", arguments.pixel_um, "Width of a pixel. The default is that of an EVK4",
-            CLI::Range(0.5, 100.0))
+            NumberRange(0.5, 100.0))
       ->type_name("MICROMETRES")
       ->needs(focal);
 }
@@ -428,7 +430,9 @@ void AddProfileOptions(CLI::App& app, CalibrateArguments& arguments) {
       "is complete");
   AddFile(app, "--sensor", arguments.start,
           "Profile at the start, which is kept where the recordings determine nothing. Default: that of an EVK4");
-  app.add_option("--name", arguments.name, "Name of the sensor in the profile")->type_name("NAME");
+  app.add_option("--name", arguments.name, "Name of the sensor in the profile")
+      ->type_name("NAME")
+      ->needs(app.get_option("--out"));
   AddPicture(app, "--picture", arguments.picture,
              "Picture (.png) of the residuals by speed and by event density, before and after the fit");
 }

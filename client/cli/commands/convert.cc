@@ -20,6 +20,7 @@
 #include "client/containers/open_recording.h"
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "core/events/image_size.h"
 #include "core/recordings/event_digest.h"
 #include "core/recordings/event_reader.h"
@@ -251,12 +252,12 @@ CommandRunner AddConvertCommand(CLI::App& app, CliContext& context) {
   app.option_defaults()->group(kInputGroup);
   AddFile(app, "recording", arguments->recording, absl::StrCat("Recording: ", kRecordingFormats))->required();
   AddOption(app, "--start", arguments->start_s, "Time after the first event at which the file begins",
-            CLI::Range(0.0, kMaxSeconds))
+            NumberRange(0.0, kMaxSeconds))
       ->type_name("SECONDS");
   app.add_option("--duration", arguments->duration_s, "Part of the recording from --start on. Default: all of it")
       ->type_name("SECONDS")
       ->check(AboveZero())
-      ->check(CLI::Range(0.0, kMaxSeconds));
+      ->check(NumberRange(0.0, kMaxSeconds));
   app.add_option("--size", arguments->size,
                  "Size of the sensor in pixels, for a recording that does not state it. Default: the smallest known "
                  "sensor that contains all events")

@@ -20,6 +20,7 @@
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
+#include "core/command_line/number_range.h"
 #include "core/diagnosis/object_checks.h"
 #include "core/geometry/trajectory.h"
 
@@ -174,7 +175,7 @@ void AddDoctorInputs(CLI::App& app, DoctorArguments& arguments) {
   CLI::Option* camera = AddFile(app, "--camera", arguments.camera, kCameraFiles);
   arguments.reading.AddTo(app, model);
   CLI::Option* start = AddOption(app, "--start", arguments.recording.start_s,
-                                 "Time after the first event at which the examination begins", CLI::Range(0.0, 1e9))
+                                 "Time after the first event at which the examination begins", NumberRange(0.0, 1e9))
                            ->type_name("SECONDS");
   CLI::Option* duration = app.add_option("--duration", arguments.recording.duration_s,
                                          "Time that is examined. Default: the rest of a file, 5 s of a pipe")

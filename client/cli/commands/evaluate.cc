@@ -21,6 +21,7 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
+#include "core/command_line/number_range.h"
 #include "core/evaluation/consistency.h"
 #include "core/evaluation/surface_distance.h"
 #include "core/geometry/trajectory.h"
@@ -101,7 +102,7 @@ double MedianDistanceM(const Trajectory& trajectory) {
   return UpperMedian(distances);
 }
 
-// Of the median distances of the object from the camera; 1 without poses.
+// Returns the ratio of the object's median distances from the camera, estimate to truth; 1 without poses.
 double DistanceRatio(const Trajectory& estimate, const Trajectory& truth) {
   if (estimate.empty() || truth.empty()) return 1.0;
   return MedianDistanceM(estimate) / MedianDistanceM(truth);
@@ -291,15 +292,15 @@ CommandRunner AddEvaluateCommand(CLI::App& app, CliContext& context) {
       ->type_name("[NAME=]FILE")
       ->required()
       ->take_all();
-  AddFile(app, "--model", arguments->model,
-          absl::StrCat("Model of the object, for the reprojection error: ", kModelFormats));
+  CLI::Option* const model = AddFile(app, "--model", arguments->model,
+                                     absl::StrCat("Model of the object, for the reprojection error: ", kModelFormats));
   AddFile(app, "--camera", arguments->camera, absl::StrCat(kCameraFiles, ", for the reprojection error"));
-  arguments->reading.AddTo(app);
+  arguments->reading.AddTo(app, model);
   arguments->frame.AddForReading(app);
   arguments->alignment.AddTo(app);
   app.option_defaults()->group("Comparison");
   AddOption(app, "--max-gap-ms", arguments->max_gap_ms, "Longest time for which a pose counts towards the coverage",
-            CLI::Range(0.001, 1e6))
+            NumberRange(0.001, 1e6))
       ->type_name("MILLISECONDS");
   app.add_flag("--symmetric", arguments->is_symmetric,
                "Compare with the nearest true pose among those that the symmetries of the model make equivalent");

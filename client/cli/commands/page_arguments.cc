@@ -13,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/view/page_files.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "server/connections/listen_address.h"
 
 namespace evpose::client {
@@ -56,7 +57,7 @@ void PageArguments::AddTo(CLI::App& app) {
   app.option_defaults()->group(kPageGroup);
   CLI::Option* const port_option = app.add_option("--port", port, "Port on 127.0.0.1. Default: 0, a free one")
                                        ->type_name("PORT")
-                                       ->check(CLI::Range(0, 65535));
+                                       ->check(NumberRange(0, 65535));
   app.add_option("--listen", listen,
                  "Address to listen on, for containers, whose port is published on 127.0.0.1 of the host only")
       ->type_name("HOST:PORT")

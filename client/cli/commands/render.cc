@@ -30,6 +30,7 @@
 #include "core/base/status_macros.h"
 #include "core/base/temporary_files.h"
 #include "core/camera_files/camera_file.h"
+#include "core/command_line/number_range.h"
 #include "core/geometry/trajectory_gaps.h"
 #include "core/recordings/event_reader.h"
 #include "core/recordings/recording_reader.h"
@@ -39,6 +40,8 @@ namespace {
 
 constexpr size_t kRenderPieceBytes = size_t{64} * 1024;  // interrupts are checked before each piece
 constexpr int64_t kMaxFrames = 200'000;                  // a jump of the clock must not fill the disk
+
+constexpr double kDefaultFps = 30.0;
 
 struct RenderArguments {
   std::string recording;
@@ -50,7 +53,7 @@ struct RenderArguments {
   PoseFrameArguments frame;
   std::optional<double> at_s;
   double window_ms = 10.0;
-  double fps = 30.0;
+  std::optional<double> fps;  // absent: kDefaultFps
 };
 
 struct RenderInputs {
@@ -173,9 +176,7 @@ absl::Status NoEventError(const RenderArguments& arguments, const RenderInputs& 
 absl::Status RenderPicture(const RenderArguments& arguments, RenderInputs& inputs) {
   if (!arguments.at_s && inputs.poses().empty()) {
     return absl::InvalidArgumentError(
-        absl::StrCat(DescribeNoPose(arguments, inputs), inputs.read.ambiguous_us.empty()
-                                                            ? ": give the time of the picture with --at SECONDS"
-                                                            : "; --at SECONDS draws the events of that time alone"));
+        absl::StrCat(DescribeNoPose(arguments, inputs), "; --at SECONDS draws the events of that time alone"));
   }
   const Trajectory& poses = inputs.poses();
   const int64_t t_us =
@@ -268,14 +269,14 @@ class Film {
 
 // Frame k shows the middle of [first + k period, first + (k + 1) period).
 absl::Status RenderFilm(const RenderArguments& arguments, RenderInputs& inputs) {
-  const int64_t period_us = std::llround(1e6 / arguments.fps);
+  const double fps = arguments.fps.value_or(kDefaultFps);
+  const int64_t period_us = std::llround(1e6 / fps);
   const int64_t window_us = std::llround(arguments.window_ms * 1e3);
   if (window_us > period_us) {
     return UsageError(absl::StrFormat("--window-ms is at most the time from frame to frame, %g ms", period_us * 1e-3));
   }
   FramePainter painter(inputs.camera, inputs.model);
-  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Film> film,
-                          Film::Create(arguments.out, arguments.fps, painter.image().size()));
+  EVPOSE_ASSIGN_OR_RETURN(const std::unique_ptr<Film> film, Film::Create(arguments.out, fps, painter.image().size()));
   std::optional<int64_t> first_us;
   int64_t last_us = 0;
   int64_t frame = 0;
@@ -318,6 +319,7 @@ absl::Status RunRender(const RenderArguments& arguments, CliContext& context) {
     return UsageError(absl::StrCat("--out ", arguments.out, ": a picture is a .png, a film a .mp4 or .avi"));
   }
   if (is_film && arguments.at_s) return UsageError("--at is for pictures; a film shows the whole recording");
+  if (!is_film && arguments.fps) return UsageError("--fps is for films, .mp4 or .avi");
   EVPOSE_ASSIGN_OR_RETURN(RenderInputs inputs, ReadInputs(arguments, context));
   try {
     EVPOSE_RETURN_IF_ERROR(is_film ? RenderFilm(arguments, inputs) : RenderPicture(arguments, inputs));
@@ -346,10 +348,11 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   app.add_option("--at", arguments->at_s, "Time of the picture on the sensor's clock. Default: the middle of the poses")
       ->type_name("SECONDS");
   AddOption(app, "--window-ms", arguments->window_ms, "Duration of the events that are drawn, around that time",
-            CLI::Range(0.001, 10'000.0))
+            NumberRange(0.001, 10'000.0))
       ->type_name("MILLISECONDS");
-  AddOption(app, "--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording",
-            CLI::Range(1.0, 1000.0))
+  app.add_option("--fps", arguments->fps, "Frames per second of the film, which lasts as long as the recording")
+      ->check(NumberRange(1.0, 1000.0))
+      ->default_str(absl::StrCat(kDefaultFps))
       ->type_name("HZ");
   app.footer(
       "ON events are blue, OFF events red, the visible edges of the model green. Pictures of small sensors are "

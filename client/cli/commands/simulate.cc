@@ -20,6 +20,7 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
+#include "core/command_line/number_range.h"
 #include "core/experiments/tracking/tracking_scenarios.h"
 #include "core/geometry/undistortion_table.h"
 #include "core/models/object_model.h"
@@ -135,7 +136,7 @@ absl::StatusOr<SimulationOptions> MakeOptions(const CliContext& context, const S
 void PrintReport(const SimulateArguments& arguments, const SimulationReport& report, double duration_s,
                  std::ostream& out) {
   const double events = static_cast<double>(report.events);
-  out << arguments.out << ": recording.raw, truth.tum, model.obj, camera.yaml\n";
+  out << arguments.out << ": recording.raw, truth.tum, model.obj, camera.yaml, simulation.txt\n";
   out << absl::StrFormat(
       "events %d (%.2f Mev/s)  noise %.1f %%  fastest point %.0f px/s\n", report.events, events * 1e-6 / duration_s,
       events > 0.0 ? 100.0 * static_cast<double>(report.noise_events) / events : 0.0, report.max_speed_px_per_s);
@@ -210,7 +211,7 @@ void AddSceneOptions(CLI::App& app, SimulateArguments& arguments) {
   app.add_option("--distance", arguments.distance_m,
                  "Mean distance of the model from the camera. Default: 3.4 times its diameter")
       ->type_name("METRES")
-      ->check(CLI::Range(0.01, 1e4))
+      ->check(NumberRange(0.01, 1e4))
       ->needs(model);
   app.add_option("--camera", arguments.camera,
                  absl::StrCat("Sensor and lens: ", absl::StrJoin(SimulatedCameraNames(), ", "),
@@ -219,7 +220,7 @@ void AddSceneOptions(CLI::App& app, SimulateArguments& arguments) {
       ->capture_default_str();
   AddOption(app, "--view-angle", arguments.view_angle_deg,
             "Angle from the optical axis to the middle of the path, to the right; for wide lenses",
-            CLI::Range(-80.0, 80.0))
+            NumberRange(-80.0, 80.0))
       ->type_name("DEGREES");
 }
 
@@ -230,40 +231,42 @@ void AddMotionOptions(CLI::App& app, SimulateArguments& arguments) {
   AddOption(app, "--motion", arguments.motion,
             "Continuous motion, motion with rests, bursts at four times the speed, or motion half out of view and back",
             CLI::IsMember(motions));
-  AddOption(app, "--speed", arguments.speed_scale, "Factor on the speed of the motion", CLI::Range(0.0, 100.0))
+  AddOption(app, "--speed", arguments.speed_scale, "Factor on the speed of the motion", NumberRange(0.0, 100.0))
       ->type_name("FACTOR");
   app.add_option("--duration", arguments.duration_s, "Length of the recording")
       ->type_name("SECONDS")
-      ->check(CLI::Range(0.001, 1800.0))
+      ->check(NumberRange(0.001, 1800.0))
       ->default_str("5");
-  AddOption(app, "--start", arguments.start_s, "Time of the first event on the sensor's clock", CLI::Range(0.0, 16.7))
+  AddOption(app, "--start", arguments.start_s, "Time of the first event on the sensor's clock", NumberRange(0.0, 16.7))
       ->type_name("SECONDS");
   app.add_option("--seed", arguments.seed, "Seed of all random numbers; the same seed gives identical files")
+      ->check(WholeNumber())
       ->capture_default_str();
-  app.add_option("--path-seed", arguments.path_seed, "Seed of the motion alone. Default: that of --seed");
+  app.add_option("--path-seed", arguments.path_seed, "Seed of the motion alone. Default: that of --seed")
+      ->check(WholeNumber());
 }
 
 void AddDisturbances(CLI::App& app, SimulateArguments& arguments) {
   app.option_defaults()->group("Disturbances");
-  AddOption(app, "--noise", arguments.sensor.noise_ratio, "Share of all events that are noise", CLI::Range(0.0, 0.9))
+  AddOption(app, "--noise", arguments.sensor.noise_ratio, "Share of all events that are noise", NumberRange(0.0, 0.9))
       ->type_name("RATIO");
   app.add_option("--background-activity", arguments.sensor.shot_noise_hz,
                  "Noise rate of a pixel in the dark; a pixel that sees white has a quarter of it")
       ->type_name("HZ")
-      ->check(CLI::Range(0.0, 1000.0))
+      ->check(NumberRange(0.0, 1000.0))
       ->default_str("0.03");
   app.add_option("--hot-pixels", arguments.num_hot_pixels, "Number of hot pixels, which emit 200 events per second")
-      ->check(CLI::Range(0, 1'000'000))
+      ->check(NumberRange(0, 1'000'000))
       ->default_str("1 of 100000");
   AddOption(app, "--flood", arguments.flood_mev_per_s,
             "Rate of additional random events during 50 ms of every second, millions of events per second",
-            CLI::Range(0.0, 100.0))
+            NumberRange(0.0, 100.0))
       ->type_name("MEV/S");
   AddOption(app, "--flicker", arguments.scene.light.flicker_depth, "Depth of the light's flicker at 100 Hz",
-            CLI::Range(0.0, 0.8))
+            NumberRange(0.0, 0.8))
       ->type_name("RATIO");
   AddOption(app, "--light-change", arguments.scene.light.change_ratio,
-            "Factor by which the light slowly becomes weaker and stronger", CLI::Range(1.0, 10.0))
+            "Factor by which the light slowly becomes weaker and stronger", NumberRange(1.0, 10.0))
       ->type_name("FACTOR");
   CLI::Option* const occluder =
       app.add_flag("--occluder", arguments.scene.occluder.is_present, "A bar that oscillates in front of the object");
@@ -275,13 +278,13 @@ void AddDisturbances(CLI::App& app, SimulateArguments& arguments) {
   CLI::Option* const textured = app.add_flag("--textured-background", arguments.scene.background.is_textured,
                                              "A background of rectangles of several shades");
   AddOption(app, "--background-rectangles", arguments.scene.background.texture_rectangles,
-            "Number of the rectangles of --textured-background", CLI::Range(1, 10'000))
+            "Number of the rectangles of --textured-background", NumberRange(1, 10'000))
       ->needs(textured);
   AddOption(
       app, "--background-speed", arguments.scene.background.texture_speed_px_per_s,
       "Mean speed in the image of the rectangles of --textured-background, as of the surroundings of a camera that "
       "is turned to and fro",
-      CLI::Range(0.0, 1e5))
+      NumberRange(0.0, 1e5))
       ->type_name("PIXELS/S")
       ->needs(textured);
 }
@@ -289,20 +292,20 @@ void AddDisturbances(CLI::App& app, SimulateArguments& arguments) {
 void AddSensorOptions(CLI::App& app, SimulateArguments& arguments) {
   app.option_defaults()->group("Sensor");
   AddOption(app, "--threshold", arguments.sensor.threshold_on,
-            "Contrast threshold, as a difference of natural logarithms of light", CLI::Range(0.01, 5.0))
+            "Contrast threshold, as a difference of natural logarithms of light", NumberRange(0.01, 5.0))
       ->type_name("RATIO");
   app.add_option("--threshold-off", arguments.threshold_off,
                  "Contrast threshold of OFF events. Default: that of --threshold")
       ->type_name("RATIO")
-      ->check(CLI::Range(0.01, 5.0));
+      ->check(NumberRange(0.01, 5.0));
   AddOption(app, "--bandwidth", arguments.sensor.bandwidth_hz, "Bandwidth of the photoreceptor; 0: infinite",
-            CLI::Range(0.0, 1e6))
+            NumberRange(0.0, 1e6))
       ->type_name("HZ");
   AddOption(app, "--refractory", arguments.sensor.refractory_us, "Refractory time of a pixel after an event",
-            CLI::Range(0.0, 1e5))
+            NumberRange(0.0, 1e5))
       ->type_name("MICROSECONDS");
   AddOption(app, "--lens-blur", arguments.scene.lens_blur_px, "Standard deviation of the lens's point spread",
-            CLI::Range(0.0, 2.0))
+            NumberRange(0.0, 2.0))
       ->type_name("PIXELS");
 }
 
@@ -312,6 +315,7 @@ void AddOptions(CLI::App& app, SimulateArguments& arguments) {
          "Directory for the files; it is made if it does not exist. Files of an earlier simulation there are replaced")
       ->type_name("DIR")
       ->required()
+      ->check(NotEmpty())
       ->group(kOutputGroup);
   AddJson(app, arguments.is_json);
   AddSceneOptions(app, arguments);
@@ -351,7 +355,9 @@ CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
     app.get_option("--scenario")->excludes(app.get_option(name));
   }
   app.footer(
-      "Writes recording.raw (EVT3, as an EVK4 does), truth.tum, model.obj and camera.yaml.\n\n"
+      "Writes recording.raw (EVT3, as an EVK4 does), truth.tum, model.obj, camera.yaml and simulation.txt, which has "
+      "the "
+      "options.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --noise 0.1 --out cube\n"
       "  evpose simulate --model cube/model.obj --camera vga --duration 0.1 --textured-background --out part");

@@ -15,6 +15,7 @@
 #include "client/cli/common/session_run.h"
 #include "client/cli/common/session_start.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 
 namespace evpose::client {
 namespace {
@@ -109,7 +110,7 @@ absl::Status RunStream(const StreamArguments& arguments, CliContext& context) {
 void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
   app.option_defaults()->group(kOutageGroup);
   AddOption(app, "--memory-bytes", arguments.memory_bytes, "Limit of the data of standard input that is kept in memory",
-            CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
+            NumberRange(uint64_t{1} << 20, uint64_t{1} << 40))
       ->type_name("BYTES");
   app.add_option("--spool", arguments.spool,
                  "Directory for the data of standard input beyond --memory-bytes; with --resume, for all data that the "
@@ -117,7 +118,7 @@ void AddSpoolOptions(CLI::App& app, StreamArguments& arguments) {
       ->type_name("DIR");
   AddOption(app, "--spool-bytes", arguments.spool_bytes,
             "Limit of the data in --spool; beyond it, standard input is not read",
-            CLI::Range(uint64_t{16} << 20, uint64_t{1} << 50))
+            NumberRange(uint64_t{16} << 20, uint64_t{1} << 50))
       ->type_name("BYTES");
 }
 

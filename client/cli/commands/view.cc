@@ -187,7 +187,8 @@ CommandRunner AddViewCommand(CLI::App& app, CliContext& context) {
   arguments->frame.AddTo(app, "shown");
   arguments->page.AddTo(app);
   arguments->server.AddTo(app, false);
-  for (const char* const name : {"--poses", "--truth", "--model", "--object", "--camera"}) {
+  for (const char* const name :
+       {"--poses", "--truth", "--model", "--object", "--camera", "--scale", "--crease-angle", "--surface"}) {
     app.get_option(name)->excludes(app.get_option("--server"));
   }
   app.footer(

@@ -20,6 +20,7 @@
 #include "client/cli/console/wait_message.h"
 #include "client/mcap/session_observer.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 
 namespace evpose::client {
 namespace {
@@ -306,7 +307,7 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
       app.add_flag("--health", arguments->is_health, "Print the health of the session instead of its poses")
           ->excludes(after)
           ->excludes(max_rate);
-  AddOption(app, "--period", arguments->period_s, "Time between two lines of --health", CLI::Range(0.01, 86400.0))
+  AddOption(app, "--period", arguments->period_s, "Time between two lines of --health", NumberRange(0.01, 86400.0))
       ->type_name("SECONDS")
       ->needs(health);
   CLI::Option* const out =

@@ -22,6 +22,7 @@
 #include "client/lib/messages/status_details.h"
 #include "client/lib/server_address.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 
 namespace evpose::client {
 namespace {
@@ -112,9 +113,13 @@ CLI::Validator NotNegative() {
   return CLI::Validator(check, "NONNEGATIVE");
 }
 
-CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
+CLI::Validator NotEmpty() {
   const auto check = [](const std::string& text) -> std::string { return text.empty() ? "the name is empty" : ""; };
-  return app.add_option(name, path, description)->type_name("FILE")->check(check);
+  return CLI::Validator(check, "");
+}
+
+CLI::Option* AddFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
+  return app.add_option(name, path, description)->type_name("FILE")->check(NotEmpty());
 }
 
 CLI::Option* AddOutputFile(CLI::App& app, const std::string& name, std::string& path, const std::string& description) {
@@ -216,7 +221,7 @@ void ServerArguments::AddTo(CLI::App& app, bool is_required) {
               "File with the token that evpose-server --new-token printed; only its owner may have access (chmod 600). "
               "It is read again before every call. Default: the variable EVPOSE_TOKEN"),
       AddOption(app, "--connect-timeout", connect_timeout_s, "Longest wait for the first response of a server",
-                CLI::Range(0.001, 86400.0))
+                NumberRange(0.001, 86400.0))
           ->type_name("SECONDS")};
   server->group(kConnectionGroup);
   for (CLI::Option* const way : ways) {

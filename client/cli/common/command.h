@@ -52,6 +52,7 @@ bool IsUsageError(const absl::Status& status);
 // Checks of option values; the error describes an invalid number more briefly than that of CLI11.
 CLI::Validator AboveZero();
 CLI::Validator NotNegative();  // accepts infinity
+CLI::Validator NotEmpty();     // of the name of a file or directory
 
 // Adds an option with a check of its values; --help prints the default value.
 template <typename Value>

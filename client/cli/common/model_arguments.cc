@@ -10,6 +10,7 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/byte_order.h"
 #include "core/base/status_macros.h"
+#include "core/command_line/number_range.h"
 #include "server/runtime/client_text.h"
 #include "server/runtime/enum_number.h"
 
@@ -34,7 +35,7 @@ void ModelReadingArguments::AddTo(CLI::App& app, CLI::Option* model) {
             "Smallest angle between two faces of the model whose common side is an edge of the object. If the file "
             "states normals or is a STEP or IGES file, that angle is 10 degrees, unless this one is below 10 or "
             "above 30",
-            CLI::Range(0.1, 179.9))
+            NumberRange(0.1, 179.9))
             ->type_name("DEGREES"),
         AddOption(app, "--surface", surface,
                   "Whether the faces of the model approximate a smooth surface (smooth) or the object itself has them "

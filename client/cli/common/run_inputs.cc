@@ -21,6 +21,7 @@
 #include "client/model_intake/model_intake.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
+#include "core/command_line/number_range.h"
 #include "core/events/first_time_word.h"
 #include "core/geometry/trajectory.h"
 
@@ -362,7 +363,7 @@ void RunArguments::AddTracking(CLI::App& app) {
             "Poses per second of each object. A pose needs 150 events, so that 10000 poses need 1.5 million events per "
             "second; with fewer events there are fewer poses. Poses at a higher rate are as accurate, and their "
             "processing takes longer",
-            CLI::Range(1000.0, 10'000.0))
+            NumberRange(1000.0, 10'000.0))
       ->type_name("HZ");
   app.add_option("--init-pose", init_poses,
                  "Pose camera_from_object at the first event, \"tx ty tz qx qy qz qw\"; without it, the object is "
@@ -394,11 +395,11 @@ void RunArguments::AddConnection(CLI::App& app, bool server_is_required) {
   AddOption(app, "--retain", retain_s,
             "Time for which events are kept after --server has stored them, so that they can be sent again if its "
             "store loses its last writes (a replica without them becomes the master); 0: none",
-            CLI::Range(0.0, 86400.0))
+            NumberRange(0.0, 86400.0))
       ->type_name("SECONDS")
       ->needs(app.get_option("--server"));
   AddOption(app, "--retain-bytes", retain_bytes, "Limit of the events of --retain",
-            CLI::Range(uint64_t{1} << 20, uint64_t{1} << 40))
+            NumberRange(uint64_t{1} << 20, uint64_t{1} << 40))
       ->type_name("BYTES")
       ->needs(app.get_option("--server"));
   AddOutputFile(
@@ -419,7 +420,7 @@ void RunArguments::AddResearch(CLI::App& app) {
                  "Size of a chunk of events, a multiple of 8. Default: 1 ms of sensor time or 256 KiB, whichever is "
                  "smaller")
       ->type_name("BYTES")
-      ->check(CLI::Range(size_t{8}, size_t{64} << 20))
+      ->check(NumberRange(size_t{8}, size_t{64} << 20))
       ->check([](const std::string& text) {
         size_t bytes = 0;
         return absl::SimpleAtoi(text, &bytes) && bytes % 8 == 0 ? "" : "must be a multiple of 8, the longest word";

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "client/cli/console/standard_streams.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+namespace evpose::client {
+
+void OpenStandardStreams() {
+  // open() returns the lowest free descriptor, which is this one, because those below are open.
+  for (const int descriptor : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (fcntl(descriptor, F_GETFD) >= 0) continue;
+    // poll() never reports that a file is readable which is open for writing alone; that of O_PATH ends at once.
+    const int mode = descriptor == STDIN_FILENO ? O_PATH : O_RDONLY;
+    if (open("/dev/null", mode) != descriptor) return;
+  }
+}
+
+bool IsStandardOutputClosed() {
+  const int flags = fcntl(STDOUT_FILENO, F_GETFL);
+  return flags < 0 || (flags & O_ACCMODE) == O_RDONLY;
+}
+
+}  // namespace evpose::client
