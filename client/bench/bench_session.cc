@@ -11,6 +11,7 @@
 #include "core/base/byte_order.h"
 #include "core/base/status_macros.h"
 #include "core/models/object_model.h"
+#include "core/recordings/chunker.h"
 
 namespace evpose::client {
 namespace {

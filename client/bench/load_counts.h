@@ -12,7 +12,7 @@
 
 namespace evpose::client {
 
-// The time on the sensor's clock at which the chunk is complete that completes the window of the pose at `t_us`. Poses
+// Returns the sensor time at the end of the chunk that has the last events of the window of the pose at `t_us`. Poses
 // belong to the middles of adjacent windows: the window ends half-way to the next pose.
 int64_t WindowDueUs(int64_t t_us, int64_t next_t_us, int64_t chunk_us);
 

@@ -15,7 +15,7 @@ struct ServerUse {
   double cpu_s = 0.0;        // processor time of the process since its start
   double resident_mb = 0.0;  // 1 MB is 2^20 bytes
   double load_ratio = 0.0;   // evpose_load_ratio
-  // Of the store, at its last check by the server, which is a second old. Absent if the store does not report it.
+  // Use of the store at the server's last check, up to a second ago. Absent if the store does not report it.
   std::optional<double> store_cpu_s;  // processor time since its start
   std::optional<double> store_mb;     // memory in use, or bytes of the file
 };

@@ -17,6 +17,7 @@
 #include "core/base/status_macros.h"
 #include "core/experiments/speed/measured_time.h"
 #include "core/numerics/statistics.h"
+#include "core/recordings/chunker.h"
 #include "core/tracking/object/tracker_options.h"
 #include "core/tracking/tracker.h"
 

@@ -67,7 +67,7 @@ class VirtualUser {
  private:
   class Stream;
   struct Call;
-  // What follows. All but the first end the session: no further events are sent.
+  // What follows the present session. Every goal except kGoOn ends it: no further events are sent.
   enum class Goal {
     kGoOn,
     kReplace,  // the next session

@@ -26,15 +26,15 @@ class AedatSource final : public EventSource {
 
   absl::StatusOr<bool> Next(std::vector<SourceEvent>& events) override {
     events.clear();
-    if (at_end_) return false;
+    if (is_at_end_) return false;
     if (rest_.empty()) {
       EVPOSE_ASSIGN_OR_RETURN(const size_t size, bytes_->Read(absl::MakeSpan(buffer_)));
       rest_ = absl::MakeConstSpan(buffer_).first(size);
-      at_end_ = size == 0;
+      is_at_end_ = size == 0;
     }
     decoded_.events.clear();
     decoded_.triggers.clear();
-    at_end_ ? decoder_->Finish() : decoder_->Decode(rest_, decoded_);
+    is_at_end_ ? decoder_->Finish() : decoder_->Decode(rest_, decoded_);
     AppendMerged(decoded_.events, decoded_.triggers, events);
     return true;
   }
@@ -65,7 +65,7 @@ class AedatSource final : public EventSource {
   std::vector<uint8_t> buffer_;
   absl::Span<const uint8_t> rest_;  // of the buffer, what is not decoded
   DecodedEvents decoded_;
-  bool at_end_ = false;
+  bool is_at_end_ = false;
 };
 
 // Parses a header with more and more bytes until they suffice.

@@ -15,7 +15,7 @@
 #include "client/containers/mcap_records.h"
 #include "client/containers/ros_messages.h"
 #include "core/base/temporary_directory_testing.h"
-#include "core/recordings/recording_reader.h"
+#include "core/recordings/chunker.h"
 #include "tests/data/test_data.h"
 
 namespace evpose::client {

@@ -103,7 +103,7 @@ std::optional<McapRecord> McapRecords::NextInChunk() {
 }
 
 absl::StatusOr<std::optional<McapRecord>> McapRecords::Next() {
-  while (!at_end_) {
+  while (!is_at_end_) {
     if (const std::optional<McapRecord> record = NextInChunk()) return record;
     EVPOSE_ASSIGN_OR_RETURN(bool is_complete, ReadExactly(McapRecord::kHeadBytes, head_));
     if (!is_complete) {
@@ -122,10 +122,10 @@ absl::StatusOr<std::optional<McapRecord>> McapRecords::Next() {
       break;
     }
     if (is_chunk && is_kept) OpenChunk(content_);
-    if (op == McapRecord::kDataEnd || op == McapRecord::kFooter) at_end_ = true;
+    if (op == McapRecord::kDataEnd || op == McapRecord::kFooter) is_at_end_ = true;
     if (!is_chunk && is_kept) return McapRecord{op, content_};
   }
-  at_end_ = true;
+  is_at_end_ = true;
   return std::nullopt;
 }
 

@@ -70,7 +70,7 @@ class McapRecords {
   std::string content_;  // content of a record of the file
   FrameDecompressor decompressor_;
   std::string_view chunk_rest_;  // rest of the records of a chunk, in `content_` or `decompressor_`
-  bool at_end_ = false;
+  bool is_at_end_ = false;
   uint64_t num_truncated_ = 0;
   uint64_t num_large_ = 0;
   uint64_t num_damaged_chunks_ = 0;

@@ -103,7 +103,7 @@ class SqliteStream final : public MessageStream {
         statement_(std::move(statement)) {}
 
   absl::StatusOr<bool> Next(std::string& message) override {
-    if (at_end_) return false;
+    if (is_at_end_) return false;
     const int result = sqlite3_step(statement_.get());
     if (result == SQLITE_ROW) {
       const void* const bytes = sqlite3_column_blob(statement_.get(), 0);
@@ -111,7 +111,7 @@ class SqliteStream final : public MessageStream {
       message.assign(static_cast<const char*>(bytes), bytes == nullptr ? 0 : static_cast<size_t>(size));
       return true;
     }
-    at_end_ = true;
+    is_at_end_ = true;
     if (opened_.has_value()) {
       if (const absl::Status status = opened_->CheckUnchanged(); !status.ok()) {
         return absl::Status(status.code(), absl::StrCat(path_, ": ", status.message()));
@@ -132,7 +132,7 @@ class SqliteStream final : public MessageStream {
   const std::optional<FileVersion> opened_;
   const Database database_;  // destroyed after the statement
   const Statement statement_;
-  bool at_end_ = false;
+  bool is_at_end_ = false;
   uint64_t num_damages_ = 0;
 };
 

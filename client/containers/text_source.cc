@@ -164,13 +164,13 @@ class TextSource final : public EventSource {
 
   absl::StatusOr<bool> Next(std::vector<SourceEvent>& events) override {
     events.clear();
-    if (at_end_) return false;
+    if (is_at_end_) return false;
     std::memmove(buffer_.data(), buffer_.data() + begin_, end_ - begin_);
     end_ -= std::exchange(begin_, 0);
     EVPOSE_ASSIGN_OR_RETURN(const size_t size, bytes_->Read(absl::MakeSpan(buffer_).subspan(end_)));
     end_ += size;
-    at_end_ = size == 0;
-    if (at_end_ && (end_ > 0 || is_in_long_line_)) buffer_[end_++] = '\n';  // the last line may have no end
+    is_at_end_ = size == 0;
+    if (is_at_end_ && (end_ > 0 || is_in_long_line_)) buffer_[end_++] = '\n';  // the last line may have no end
     std::string_view text(reinterpret_cast<const char*>(buffer_.data()), end_);
     while (const std::optional<std::string_view> line = TakeLine(text)) TakeEvent(*line, events);
     begin_ = end_ - text.size();
@@ -229,7 +229,7 @@ class TextSource final : public EventSource {
   std::vector<uint8_t> buffer_;
   size_t begin_ = 0;  // of the bytes of lines that were not taken
   size_t end_ = 0;
-  bool at_end_ = false;
+  bool is_at_end_ = false;
   bool is_in_long_line_ = false;
   bool is_long_comment_ = false;  // whether this line began as a comment
   uint64_t num_unreadable_ = 0;

@@ -24,6 +24,7 @@
 #include "client/convert_hdf5/hdf5_testing.h"
 #include "core/base/environment_testing.h"
 #include "core/base/temporary_directory_testing.h"
+#include "core/recordings/chunker.h"
 #include "tests/data/test_data.h"
 
 namespace evpose::client {

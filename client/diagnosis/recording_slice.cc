@@ -9,6 +9,7 @@
 #include "absl/strings/str_format.h"
 #include "core/base/status_macros.h"
 #include "core/events/time_scanner.h"
+#include "core/recordings/chunker.h"
 
 namespace evpose::client {
 namespace {

@@ -6,6 +6,7 @@
 #include "client/lib/messages/core_types.h"
 #include "core/base/status_macros.h"
 #include "core/camera_files/camera_file.h"
+#include "core/recordings/chunker.h"
 
 namespace evpose::client {
 

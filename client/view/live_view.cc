@@ -28,7 +28,7 @@ LiveView::LiveView(Client& client, const HelloMessage& hello, const PoseFrame& f
                    std::shared_ptr<PageOutbox> outbox)
     : client_(client), server_(hello.source), frame_(frame), outbox_(std::move(outbox)) {
   outbox_->Set(PageOutbox::Latest::kHello, ToText(hello));
-  pending_.list = hello.session.empty();
+  pending_.has_list = hello.session.empty();
   if (!hello.session.empty()) pending_.session = hello.session;
   thread_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
 }
@@ -46,7 +46,7 @@ absl::Status LiveView::Handle(const PageRequest& request) {
     pending_.session = open->session;
     calls_.request_stop();
   } else if (std::holds_alternative<ListRequest>(request)) {
-    pending_.list = true;
+    pending_.has_list = true;
   } else {
     return absl::InvalidArgumentError("this is a live session: only a recording has other instants");
   }
@@ -77,7 +77,7 @@ void LiveView::Run(const std::stop_token& stop) {
       if (watch_ && is_other && !next.session) watch_->SetImages(settings_);
     }
     if (next.session) OpenSession(*next.session, calls);
-    if (next.list) List(calls);
+    if (next.has_list) List(calls);
   }
 }
 
@@ -86,7 +86,7 @@ void LiveView::List(const std::stop_token& stop) {
   if (sessions.ok()) return outbox_->Set(PageOutbox::Latest::kSessions, SessionsText(*sessions));
   if (!stop.stop_requested()) return NoteError(sessions.status().message());
   const std::lock_guard lock(mutex_);
-  pending_.list = true;  // after the session that is opened meanwhile
+  pending_.has_list = true;  // after the session that is opened meanwhile
 }
 
 void LiveView::OpenSession(const std::string& name, const std::stop_token& stop) {

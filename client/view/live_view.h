@@ -34,11 +34,11 @@ class LiveView : public PageView {
  private:
   // Requests that the thread has not taken yet. A later request replaces an earlier one of the same kind.
   struct Pending {
-    bool list = false;
+    bool has_list = false;
     std::optional<std::string> session;
     std::optional<ImageSettings> settings;
 
-    bool IsEmpty() const { return !list && !session && !settings; }
+    bool IsEmpty() const { return !has_list && !session && !settings; }
   };
 
   void Run(const std::stop_token& stop);

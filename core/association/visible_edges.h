@@ -70,7 +70,7 @@ class ModelEdges {
   // Sets for each of face_planes() whether the outer side faces the camera centre `eye` (object frame); false for a
   // narrow one.
   void FacingPlanes(const Eigen::Vector3d& eye, double focal_px, std::vector<bool>& facing) const;
-  // Of the object, object frame.
+  // The bounding sphere of the object, object frame.
   const BoundingSphere& sphere() const { return sphere_; }
   const Eigen::Vector3d& centre() const { return sphere_.centre; }
 

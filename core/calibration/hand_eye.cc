@@ -71,11 +71,11 @@ struct HandEyeFit {
 
 // The parameters that are estimated.
 struct HandEyeFree {
-  bool transforms = true;
-  bool offset = true;
+  bool has_transforms = true;
+  bool has_offset = true;
 
-  bool Has(int parameter) const { return parameter < 12 ? transforms : offset; }
-  int count() const { return (transforms ? 12 : 0) + (offset ? 1 : 0); }
+  bool Has(int parameter) const { return parameter < 12 ? has_transforms : has_offset; }
+  int count() const { return (has_transforms ? 12 : 0) + (has_offset ? 1 : 0); }
 };
 
 Vector6d Whitened(const HandEyeFit& fit, const Vector6d& residual) {
@@ -143,7 +143,7 @@ bool Iterate(const Trajectory& poses, const MovingReference& reference, const Ha
     const Vector13d step = damped.ldlt().solve(equations.g);
     HandEyeState next = fit.state;
     next.Step(step);
-    std::vector<HandEyePair> pairs = free.offset ? PairPoses(poses, reference, next.time_offset_s) : fit.pairs;
+    std::vector<HandEyePair> pairs = free.has_offset ? PairPoses(poses, reference, next.time_offset_s) : fit.pairs;
     const double next_cost = pairs.size() < min_poses ? kInfinity : MeanCost(fit, pairs, next);
     if (!(next_cost <= cost)) {
       damping *= kDampingFactor;
@@ -167,7 +167,7 @@ std::optional<HandEyeFit> Fit(const Trajectory& poses, const Trajectory& referen
   HandEyeFit fit{.state = {.time_offset_s = offset_s}, .mount = mount};
   fit.pairs = PairPoses(poses, moving, offset_s);
   if (fit.pairs.size() < min_poses) return std::nullopt;
-  if (free.transforms) StartHandEye(fit.pairs, fit.state);
+  if (free.has_transforms) StartHandEye(fit.pairs, fit.state);
   for (int i = 0; i < kScaleUpdates; ++i) {
     UpdateScales(fit);
     if (!Iterate(poses, moving, free, min_poses, fit)) return std::nullopt;
@@ -249,9 +249,9 @@ void AddErrors(const HandEyeFit& fit, const HandEyeFree& free, HandEye& result) 
       ParameterCovariance(equations, ScoreCovariance(equations.scores, 2 * lag)) * small_sample;
   const Vector13d errors = covariance.diagonal().cwiseSqrt();
   result.left_covariance = covariance.topLeftCorner<6, 6>();
-  result.left_errors = free.transforms ? errors.head<6>() : Vector6d(Vector6d::Zero());
-  result.right_errors = free.transforms ? errors.segment<6>(6) : Vector6d(Vector6d::Zero());
-  if (free.offset) result.time_offset_error_s = errors(12);
+  result.left_errors = free.has_transforms ? errors.head<6>() : Vector6d(Vector6d::Zero());
+  result.right_errors = free.has_transforms ? errors.segment<6>(6) : Vector6d(Vector6d::Zero());
+  if (free.has_offset) result.time_offset_error_s = errors(12);
 }
 
 void AddResiduals(const HandEyeFit& fit, HandEye& result) {
@@ -291,7 +291,7 @@ std::array<double, 3> AxesOf(const std::vector<HandEyePair>& pairs) {
 
 void AddWarnings(const HandEyeFree& free, const HandEyeOptions& options, HandEye& result) {
   const auto warn = [&result](const std::string& text) { result.warnings.push_back(text); };
-  if (free.transforms && result.axes_rad[1] < options.min_second_axis_rad) {
+  if (free.has_transforms && result.axes_rad[1] < options.min_second_axis_rad) {
     result.has_second_axis = false;
     warn(absl::StrFormat(
         "the orientations of the reference spread by %.1f deg about one axis and by %.1f deg about a second one: with "
@@ -300,7 +300,7 @@ void AddWarnings(const HandEyeFree& free, const HandEyeOptions& options, HandEye
   }
   const double worst_rad = std::max(result.left_errors.tail<3>().maxCoeff(), result.right_errors.tail<3>().maxCoeff());
   const double worst_m = std::max(result.left_errors.head<3>().maxCoeff(), result.right_errors.head<3>().maxCoeff());
-  if (free.transforms && (worst_rad > kLargeError || worst_m > kLargeError)) {
+  if (free.has_transforms && (worst_rad > kLargeError || worst_m > kLargeError)) {
     warn("a standard error exceeds 50 mm or 0.05 rad: the poses hardly determine that number");
   }
   if (result.other_mount_ratio && *result.other_mount_ratio < kClearRatio) {
@@ -442,7 +442,7 @@ absl::StatusOr<HandEye> SolveHandEye(const Trajectory& camera_from_object, const
         absl::StrFormat("at least %d poses and 2 of the reference are needed; there are %d and %d", options.min_poses,
                         camera_from_object.size(), reference.size()));
   }
-  const HandEyeFree free{.transforms = !options.has_same_frames, .offset = !options.time_offset_s};
+  const HandEyeFree free{.has_transforms = !options.has_same_frames, .has_offset = !options.time_offset_s};
   EVPOSE_ASSIGN_OR_RETURN(const std::vector<double> offsets, Offsets(camera_from_object, reference, options));
   const std::vector<HandEyeFit> fits =
       FitAll(Thinned(camera_from_object, options.max_poses), reference, offsets, free, options);
@@ -463,7 +463,7 @@ absl::StatusOr<HandEye> SolveHandEye(const Trajectory& camera_from_object, const
   AddResiduals(best, result);
   result.axes_rad = AxesOf(best.pairs);
   AddWarnings(free, options, result);
-  if (free.transforms) CheckMotion(best, result);
+  if (free.has_transforms) CheckMotion(best, result);
   return result;
 }
 

@@ -51,6 +51,9 @@ double MomentAt(const std::vector<StepPoint>& points, double level) {
   return below->moment + share * (above->moment - below->moment);
 }
 
+// Clamps to [0, 1]; NaN becomes 0, so that it cannot index outside the table.
+double ClampToUnit(double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; }
+
 }  // namespace
 
 const EdgeResponse& EdgeResponse::Get() {
@@ -74,12 +77,9 @@ void EdgeResponse::Tabulate(int contrast_index) {
   }
 }
 
-// Clamps to [0, 1]; NaN becomes 0, so that it cannot index outside the table.
-double Share(double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; }
-
 double EdgeResponse::Interpolate(const Table& table, double contrast, double hysteresis) {
-  const double row = Share(contrast / kMaxContrast) * kContrastSteps;
-  const double column = Share(hysteresis / kMaxHysteresis) * kHysteresisSteps;
+  const double row = ClampToUnit(contrast / kMaxContrast) * kContrastSteps;
+  const double column = ClampToUnit(hysteresis / kMaxHysteresis) * kHysteresisSteps;
   const int i = std::min(static_cast<int>(row), kContrastSteps - 1);
   const int k = std::min(static_cast<int>(column), kHysteresisSteps - 1);
   const double u = row - i;

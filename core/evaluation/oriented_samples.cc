@@ -174,7 +174,7 @@ std::vector<Vector3d> CandidateAxes(const ObjectModel& model, absl::Span<const O
   const std::vector<Vector3d> faces = normals.Largest(kMaxOfEach), lines = along.Largest(kMaxOfEach);
   for (const Vector3d& axis : faces) AddAxis(axis, axes);
   for (const Vector3d& axis : lines) AddAxis(axis, axes);
-  // Those of the edges and corners of a cube, if these are its faces.
+  // The axes through the edges and corners of a cube whose face normals are `sides`.
   const std::vector<Vector3d>& sides = faces.empty() ? lines : faces;
   const size_t count = std::min<size_t>(3, sides.size());
   for (size_t i = 0; i < count; ++i) {

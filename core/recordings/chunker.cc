@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/recordings/chunker.h"
+
 #include <algorithm>
 #include <cstring>
 #include <utility>
@@ -6,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "core/base/check_range.h"
 #include "core/base/status_macros.h"
-#include "core/recordings/recording_reader.h"
 
 namespace evpose {
 namespace {
@@ -35,9 +36,9 @@ absl::StatusOr<EventChunkBytes> Chunker::Next() {
   EVPOSE_RETURN_IF_ERROR(options_.Validate());
   EventChunkBytes chunk;
   chunk.follows_loss = std::exchange(loss_is_due_, false);
-  while (!TakeWords(chunk) && !at_end_) {
+  while (!TakeWords(chunk) && !is_at_end_) {
     EVPOSE_ASSIGN_OR_RETURN(const bool has_more, Refill());
-    at_end_ = !has_more;
+    is_at_end_ = !has_more;
     if (!loss_is_due_) continue;
     if (!chunk.bytes.empty()) break;
     chunk.follows_loss = true;

@@ -16,6 +16,7 @@
 #include "core/base/output_file.h"
 #include "core/events/events_testing.h"
 #include "core/numerics/hash.h"
+#include "core/recordings/chunker.h"
 #include "core/recordings/event_digest.h"
 #include "core/recordings/recording_header.h"
 #include "core/recordings/recording_reader.h"

@@ -150,7 +150,7 @@ class ModelRegistry {
 
   const Options options_;
   Store& store_;
-  // Of each model that a session reads, loads or prepares. Locked before store_mutex_.
+  // One mutex for each model that is being read, loaded or prepared for a session. Locked before store_mutex_.
   KeyedMutexes<Key> loading_;
   // Held during calls of the store that change the list, so that store and models_ stay consistent. Locked before
   // mutex_, which is never held while waiting.

@@ -26,7 +26,7 @@ void SetGeometry(const DisplayGeometry& geometry, v1::ModelGeometry& out) {
     out.mutable_edges_m()->Add(p1.begin(), p1.end());
     out.mutable_edges_m()->Add(p2.begin(), p2.end());
   }
-  out.set_is_simplified(geometry.is_simplified);
+  out.set_simplified(geometry.is_simplified);
 }
 
 // Loads and simplifies the model on the threads for the preparation of models, in the turn of its tenant.

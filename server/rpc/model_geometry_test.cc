@@ -31,7 +31,7 @@ TEST_F(ModelGeometryTest, ReturnsTheMeshAndTheEdgesInMetres) {
   EXPECT_EQ(geometry.vertices_m_size(), 3 * 8);
   EXPECT_EQ(geometry.faces_size(), 3 * 12);
   EXPECT_EQ(geometry.edges_m_size(), 6 * 12);
-  EXPECT_FALSE(geometry.is_simplified());
+  EXPECT_FALSE(geometry.simplified());
   EXPECT_LT(*std::max_element(geometry.faces().begin(), geometry.faces().end()), 8u);
   const auto [low, high] = std::minmax_element(geometry.vertices_m().begin(), geometry.vertices_m().end());
   const auto [edge_low, edge_high] = std::minmax_element(geometry.edges_m().begin(), geometry.edges_m().end());
@@ -47,7 +47,7 @@ TEST_F(ModelGeometryTest, ReturnsTheMeshAndTheEdgesInMetres) {
 TEST_F(ModelGeometryTest, SimplifiesToTheRequestedNumberOfFaces) {
   v1::ModelGeometry geometry;
   ASSERT_EQ(Describe(Geometry(UploadCube(), 4, &geometry)), "OK");
-  EXPECT_TRUE(geometry.is_simplified());
+  EXPECT_TRUE(geometry.simplified());
   EXPECT_LE(geometry.faces_size(), 3 * 4);
   EXPECT_EQ(geometry.edges_m_size(), 6 * 12) << "the edges stay";
 }

@@ -386,14 +386,14 @@ class TrackReactor : public grpc::ServerBidiReactor<v1::TrackRequest, v1::TrackR
       return;
     }
     if (phase_ == StreamPhase::kFailing) return Finish(failure_);
-    if (phase_ == StreamPhase::kEnding && view.ended) return WriteSummary();
+    if (phase_ == StreamPhase::kEnding && view.has_ended) return WriteSummary();
     if (phase_ == StreamPhase::kDraining && view.is_idle && view.is_persisted) Finish(absl::OkStatus());
   }
 
   // Fills response_ with the next response, if there is one. Poses precede the ack of their chunk, and notices have
   // their place among the poses.
   bool PickResponse(const StreamView& view) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    if (phase_ == StreamPhase::kConfirming) return view.attached && PickAttached();
+    if (phase_ == StreamPhase::kConfirming) return view.is_attached && PickAttached();
     if (go_away_.has_value()) {
       *response_.mutable_notice()->mutable_go_away()->mutable_deadline() = ToProto(*std::exchange(go_away_, {}));
       return true;

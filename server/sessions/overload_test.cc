@@ -173,7 +173,7 @@ class LiveTest : public testing::Test {
   }
   SessionHealth End() {
     EXPECT_TRUE(session_->PushEnd(stream_).ok());
-    listener_->WaitUntil([&] { return session_->View(stream_).ended; });
+    listener_->WaitUntil([&] { return session_->View(stream_).has_ended; });
     return session_->Snapshot().health;
   }
   std::vector<EventsDropped> Dropped() {

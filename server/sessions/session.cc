@@ -290,9 +290,9 @@ StreamView Session::View(uint64_t stream) const {
   // With kLatest the queue may hold twice the credit, because an overloaded session then drops events, which is fast.
   const uint64_t factor = config_.overload_policy == OverloadPolicy::kLatest ? 2 : 1;
   view.has_room = queue_.bytes() < factor * limits_.credit_bytes && queue_.num_items() < factor * kMaxQueuedItems;
-  view.attached = gate_.state().writer == WriterState::kAttached;
+  view.is_attached = gate_.state().writer == WriterState::kAttached;
   // Read before the poses that may be sent: when the end has been persisted, all of them may be.
-  view.ended = checkpoints_.IsEndPersisted(gate_.has_ended(), committer_->progress());
+  view.has_ended = checkpoints_.IsEndPersisted(gate_.has_ended(), committer_->progress());
   view.last_pose_seq = checkpoints_.LastPoseSeqToSend(report_.poses(), committer_->progress());
   view.is_idle = !queue_.has_items() && !queue_.is_working() && view.last_pose_seq == report_.poses();
   view.is_persisted = checkpoints_.IsFlushed(MakeCounters(), committer_->progress());

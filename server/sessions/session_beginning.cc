@@ -18,7 +18,7 @@ uint64_t LastPoseSeq(const SessionBeginning& beginning) {
 SessionCommitter::Progress PersistedAt(const SessionBeginning& beginning) {
   return {.seq = beginning.checkpoint.processed_seq,
           .last_pose_seq = beginning.poses.empty() ? 0 : beginning.poses.back().pose_seq,
-          .ended = beginning.checkpoint.ended};
+          .has_ended = beginning.checkpoint.has_ended};
 }
 
 StreamGate::Start GateStart(const SessionBeginning& beginning, std::string resume_token, absl::Time now) {
@@ -27,13 +27,13 @@ StreamGate::Start GateStart(const SessionBeginning& beginning, std::string resum
           .detached_at = now,
           .resume_token = std::move(resume_token),
           .processed_seq = beginning.checkpoint.processed_seq,
-          .has_ended = beginning.checkpoint.ended,
+          .has_ended = beginning.checkpoint.has_ended,
           .max_seen_pose_seq = is_resumed ? LastPoseSeq(beginning) + kMaxPosesBeyondStore : 0};
 }
 
 CheckpointPolicy::Checkpoint LastCheckpoint(const SessionBeginning& beginning) {
   return {.processed_seq = beginning.checkpoint.processed_seq,
-          .has_ended = beginning.checkpoint.ended,
+          .has_ended = beginning.checkpoint.has_ended,
           .processing_us = beginning.checkpoint.health.processing_us};
 }
 

@@ -8,7 +8,7 @@ namespace {
 
 // A checkpoint at item 5 and pose 40.
 SessionBeginning WithCheckpoint() {
-  SessionBeginning beginning = {.checkpoint = {.processed_seq = 5, .ended = true}};
+  SessionBeginning beginning = {.checkpoint = {.processed_seq = 5, .has_ended = true}};
   beginning.checkpoint.health.poses = 40;
   beginning.checkpoint.health.processing_us = 900;
   return beginning;
@@ -34,7 +34,7 @@ TEST(SessionBeginningTest, AResumedSessionContinuesItsCheckpoint) {
   EXPECT_EQ(FirstPoseSeq(beginning), 41u) << "the store has deleted all poses";
   EXPECT_EQ(LastPoseSeq(beginning), 40u);
   EXPECT_EQ(PersistedAt(beginning).seq, 5u);
-  EXPECT_TRUE(PersistedAt(beginning).ended);
+  EXPECT_TRUE(PersistedAt(beginning).has_ended);
   EXPECT_EQ(PersistedAt(beginning).last_pose_seq, 0u);
   EXPECT_EQ(LastCheckpoint(beginning).processed_seq, 5u);
   EXPECT_TRUE(LastCheckpoint(beginning).has_ended);

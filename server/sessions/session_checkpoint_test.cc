@@ -83,7 +83,7 @@ class SessionCheckpointTest : public testing::Test {
 
   Attachment Attach(const std::string& token, uint64_t last_pose_seq = 0) {
     const Attachment attachment = session_->Attach(token, last_pose_seq, listener_).value();
-    Until(attachment.stream, [](const StreamView& view) { return view.attached; });
+    Until(attachment.stream, [](const StreamView& view) { return view.is_attached; });
     return attachment;
   }
   // Chunk number `seq`, with the events of [10 * seq, 10 * seq + 10) ms.
@@ -213,11 +213,11 @@ TEST_F(SessionCheckpointTest, TheEndIsAnsweredWhenItIsDurable) {
   ASSERT_TRUE(session_->PushEnd(stream).ok());
   const auto waiting = std::make_shared<WaitingListener>();
   session_->AddWatcher(waiting);
-  waiting->WaitUntil([this] { return session_->Watch().ended && fault_->NumCalls() > 2; });
-  EXPECT_FALSE(session_->View(stream).ended);
+  waiting->WaitUntil([this] { return session_->Watch().has_ended && fault_->NumCalls() > 2; });
+  EXPECT_FALSE(session_->View(stream).has_ended);
   fault_->Set(absl::OkStatus());
-  Until(stream, [](const StreamView& view) { return view.ended; });
-  EXPECT_TRUE(Stored().ended);
+  Until(stream, [](const StreamView& view) { return view.has_ended; });
+  EXPECT_TRUE(Stored().has_ended);
   EXPECT_EQ(Stored().health.poses, 10u);
   EXPECT_EQ(session_->View(stream).ack.durable_seq, 1u);
 }
@@ -225,9 +225,9 @@ TEST_F(SessionCheckpointTest, TheEndIsAnsweredWhenItIsDurable) {
 TEST_F(SessionCheckpointTest, AnAttachmentIsAnsweredWhenItsTokenIsDurable) {
   fault_->Set(absl::UnavailableError("unreachable"));
   const Attachment attachment = session_->Attach("first", 0, listener_).value();
-  EXPECT_FALSE(session_->View(attachment.stream).attached);
+  EXPECT_FALSE(session_->View(attachment.stream).is_attached);
   fault_->Set(absl::OkStatus());
-  Until(attachment.stream, [](const StreamView& view) { return view.attached; });
+  Until(attachment.stream, [](const StreamView& view) { return view.is_attached; });
   RestartServer();
   EXPECT_TRUE(session_->IsTokenValid(attachment.resume_token)) << "a token in a response has been persisted";
   EXPECT_TRUE(session_->IsTokenValid("first")) << "the client may not have received the new token";
@@ -288,7 +288,7 @@ TEST_F(SessionCheckpointTest, ContinuesFromItsCheckpointWithTheSamePoses) {
       EXPECT_EQ(attachment.first_pose_seq, seen + 1) << "each pose once";
     }
     ASSERT_TRUE(session_->PushEnd(attachment.stream).ok());
-    Until(attachment.stream, [](const StreamView& view) { return view.ended; });
+    Until(attachment.stream, [](const StreamView& view) { return view.has_ended; });
     std::vector<StoredPose> all = session_->pose_log().Read(0, 1000);
     for (StoredPose& pose : all) pose.latency_us = 0;
     poses.push_back(EncodePoses(all).bytes);
@@ -302,13 +302,13 @@ TEST_F(SessionCheckpointTest, AnEndedSessionIsRestoredAsEnded) {
   const Attachment attachment = Attach("first");
   Push(attachment.stream, 1);
   ASSERT_TRUE(session_->PushEnd(attachment.stream).ok());
-  Until(attachment.stream, [](const StreamView& view) { return view.ended; });
+  Until(attachment.stream, [](const StreamView& view) { return view.has_ended; });
   RestartServer();
-  EXPECT_TRUE(session_->Watch().ended);
+  EXPECT_TRUE(session_->Watch().has_ended);
   EXPECT_EQ(session_->Snapshot().state, SessionState::kEnded);
   const uint64_t stream = Attach(attachment.resume_token).stream;
   ASSERT_TRUE(session_->PushEnd(stream).ok()) << "the summary can be requested again";
-  EXPECT_TRUE(session_->View(stream).ended);
+  EXPECT_TRUE(session_->View(stream).has_ended);
   EXPECT_EQ(GetErrorDetails(session_->PushEvents(stream, {.seq = 2})).reason, "SESSION_ENDED");
   EXPECT_EQ(session_->pose_log().last_pose_seq(), 10u);
 }

@@ -72,7 +72,7 @@ SessionInfo Describe(const SessionRecord& record, SessionConfig config, const Se
   snapshot.health.objects.resize(info.config.objects.size());
   const std::optional<absl::Time> detached_at = beginning.lifecycle.detached_at;
   snapshot.state = detached_at.has_value() ? SessionState::kDetached : SessionState::kAttached;
-  if (beginning.checkpoint.ended) snapshot.state = SessionState::kEnded;
+  if (beginning.checkpoint.has_ended) snapshot.state = SessionState::kEnded;
   if (detached_at.has_value()) snapshot.expire_time = *detached_at + expiry;
   return info;
 }
@@ -178,7 +178,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionFactory::Restore(StoredSession s
   EVPOSE_ASSIGN_OR_RETURN(parts.config, DecodeConfig(stored.record.config));
   EVPOSE_ASSIGN_OR_RETURN(parts.beginning, DecodeBeginning(stored, parts.config.objects.size()));
   parts.stored_poses = std::move(stored.poses);
-  const bool has_ended = parts.beginning.checkpoint.ended;
+  const bool has_ended = parts.beginning.checkpoint.has_ended;
   auto models = UseModels(stored.record.tenant, parts.config, /*are_charged=*/false);
   // An ended session is readable without its models.
   const std::vector<std::shared_ptr<const ObjectModel>> used = models.ok() ? models->models : Models().models;

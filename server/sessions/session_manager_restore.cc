@@ -102,7 +102,7 @@ absl::StatusOr<std::shared_ptr<Session>> SessionManager::Resume(const std::strin
     Insert(resumed->session, Request(resumed->record.tenant, resumed->record.request_id));
   }
   const WatchView view = resumed->session->Watch();
-  resumed->session->log().Resumed(view.last_pose_seq, view.ended);
+  resumed->session->log().Resumed(view.last_pose_seq, view.has_ended);
   return std::move(resumed->session);
 }
 

@@ -89,7 +89,7 @@ TEST_F(SessionMetricsTest, CountersEqualTheHealthOfTheSession) {
   ASSERT_TRUE(session->PushEvents(attachment.stream, {.seq = 4, .payload = Flat64(SomeEvents(14, 20))}).ok());
   ASSERT_TRUE(session->PushEvents(attachment.stream, {.seq = 4, .payload = Flat64(SomeEvents(14, 20))}).ok());
   ASSERT_TRUE(session->PushEnd(attachment.stream).ok());
-  Until(*session, [&] { return session->View(attachment.stream).ended; });
+  Until(*session, [&] { return session->View(attachment.stream).has_ended; });
 
   const SessionHealth health = session->Snapshot().health;
   EXPECT_EQ(metrics_->decoded_events.value(), health.counts.cd_events);
@@ -161,7 +161,7 @@ TEST_F(SessionMetricsTest, TotalsContainWaitingWork) {
 
   const uint64_t stream = third->Attach(third->resume_token(), 0, listener_)->stream;
   ASSERT_TRUE(third->PushEnd(stream).ok());
-  Until(*third, [&] { return third->View(stream).ended; });
+  Until(*third, [&] { return third->View(stream).has_ended; });
   second->Close(absl::ResourceExhaustedError("the store is full"));
   totals = sessions_->totals();
   EXPECT_EQ(totals.attached, 1u);

@@ -41,7 +41,7 @@ SessionMirror::~SessionMirror() {
 
 WatchView SessionMirror::Watch() const {
   const std::lock_guard lock(mutex_);
-  return {.status = status_, .ended = has_ended_, .last_pose_seq = pose_log_->last_pose_seq()};
+  return {.status = status_, .has_ended = has_ended_, .last_pose_seq = pose_log_->last_pose_seq()};
 }
 
 std::vector<StoredPose> SessionMirror::ReadPoses(uint64_t after_pose_seq, size_t max_poses) const {

@@ -125,9 +125,9 @@ TEST_F(SessionMirrorTest, ShowsStoredAndLaterPoses) {
   EXPECT_EQ(Range(mirror_->ReadPoses(15, 100)), "16-40");
   EXPECT_EQ(Range(mirror_->ReadPoses(15, 3)), "16-18");
   EXPECT_EQ(mirror_->health().poses, 40u);
-  EXPECT_FALSE(mirror_->Watch().ended);
+  EXPECT_FALSE(mirror_->Watch().has_ended);
   other_.End();
-  listener_->WaitUntil([&] { return mirror_->Watch().ended; });
+  listener_->WaitUntil([&] { return mirror_->Watch().has_ended; });
   EXPECT_EQ(mirror_->Watch().status, absl::OkStatus());
 }
 

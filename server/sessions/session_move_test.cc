@@ -193,7 +193,7 @@ TEST_F(SessionMoveTest, AModelThatASessionUsesElsewhereIsNotDeleted) {
   EXPECT_EQ(ReasonOf(two.models->Delete("other", model)), "MODEL_NOT_FOUND");
   const Attachment attachment = Attach(session, session->resume_token());
   ASSERT_TRUE(session->PushEnd(attachment.stream).ok());
-  Until(session, [&] { return session->View(attachment.stream).ended; });
+  Until(session, [&] { return session->View(attachment.stream).has_ended; });
   EXPECT_EQ(ReasonOf(two.models->Delete(kTenant, model)), "MODEL_IN_USE") << "while the session exists";
   EXPECT_TRUE(one->Delete(kTenant, session->name()).ok());
   EXPECT_TRUE(two.models->Delete(kTenant, model).ok()) << "a model that another server received can be deleted";

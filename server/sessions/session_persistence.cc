@@ -55,10 +55,10 @@ void Session::WriteCheckpoint() {
     is_whole = !queue_.is_working();
     after_pose_seq = checkpoints_.last_pose_seq();
     state = {.processed_seq = report_.processed_seq(),
-             .ended = gate_.has_ended(),
+             .has_ended = gate_.has_ended(),
              .health = report_.health(),
              .latencies = report_.latencies()};
-    if (state.ended) out.ended_at = clocks_.wall();
+    if (state.has_ended) out.ended_at = clocks_.wall();
   }
   state.health.received_bytes = state.health.processed_bytes;
   // There are yield points up to CommitCheckpoint(): no lock is held, and other calls of the session may come between.
@@ -76,7 +76,7 @@ void Session::WriteCheckpoint() {
     const std::lock_guard lock(mutex_);
     checkpoints_.RecordPoses(std::max(after_pose_seq, pose_log_.last_pose_seq()));
     if (is_whole)
-      checkpoints_.RecordCheckpoint({state.processed_seq, state.ended, state.health.processing_us, cost_us});
+      checkpoints_.RecordCheckpoint({state.processed_seq, state.has_ended, state.health.processing_us, cost_us});
   }
   committer_->CommitCheckpoint(std::move(out), state.processed_seq, begin);
 }

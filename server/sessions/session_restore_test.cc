@@ -166,11 +166,11 @@ TEST_F(SessionRestoreTest, ASessionThatHasEndedUsesItsModelAfterARestartToo) {
   const std::string model = session->config().objects[0].model;
   const Attachment attachment = Attach(session, session->resume_token());
   ASSERT_TRUE(session->PushEnd(attachment.stream).ok());
-  Until(session, [&] { return session->View(attachment.stream).ended; });
+  Until(session, [&] { return session->View(attachment.stream).has_ended; });
   EXPECT_EQ(ReasonOf(server.models->Delete(kTenant, model)), "MODEL_IN_USE");
   Kill(server);
   server = Open();
-  EXPECT_TRUE(server->Get(kTenant, session->name()).value()->Watch().ended);
+  EXPECT_TRUE(server->Get(kTenant, session->name()).value()->Watch().has_ended);
   EXPECT_EQ(ReasonOf(server.models->Delete(kTenant, model)), "MODEL_IN_USE");
   Kill(server);
   ASSERT_TRUE(store_->DeleteModel(kTenant, model).ok());

@@ -74,7 +74,7 @@ class SharedStoreTest : public testing::Test {
 
   Attachment Attach(const std::shared_ptr<Session>& session, const std::string& token, uint64_t last_pose_seq = 0) {
     const Attachment attachment = session->Attach(token, last_pose_seq, listener_).value();
-    Until(session, [&] { return session->View(attachment.stream).attached; });
+    Until(session, [&] { return session->View(attachment.stream).is_attached; });
     return attachment;
   }
   // Pushes chunk `seq` with the events of [10 * seq, 10 * seq + 10) ms, and waits until it has been persisted.

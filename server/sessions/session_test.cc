@@ -75,7 +75,7 @@ TEST_F(SessionTest, TracksThePushedEventsAndEnds) {
   ASSERT_TRUE(Push(stream, 1, SomeEvents(1, 11)).ok());
   ASSERT_TRUE(Push(stream, 2, SomeEvents(11, 21)).ok());
   ASSERT_TRUE(session_->PushEnd(stream).ok());
-  listener_->WaitUntil([&] { return session_->View(stream).ended; });
+  listener_->WaitUntil([&] { return session_->View(stream).has_ended; });
 
   const auto poses = session_->pose_log().Read(0, 1000);
   ASSERT_EQ(poses.size(), 40u) << "one per millisecond and object";

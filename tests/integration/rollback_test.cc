@@ -136,7 +136,7 @@ class RollbackClientTest : public ::testing::Test {
       poses.push_back(absl::StrCat(pose.seq, " ", pose.t_us, " ", pose.num_events, " ", t.x(), " ", t.y(), " ", t.z()));
     };
     callbacks.on_connection = [this](const client::ConnectionChange& change) {
-      num_outages_ += change.is_away ? 1 : 0;
+      num_outages_ += change.is_unreachable ? 1 : 0;
     };
     callbacks.on_position = [&durable_seq](const client::TrackPosition& position, bool) {
       durable_seq = position.durable.seq;

@@ -202,7 +202,7 @@ class StaleReplicaTest : public CliTest {
     callbacks.on_progress = [&](const client::TrackProgress& progress) { processed_seq = progress.processed_chunks; };
     callbacks.on_pose = [&](const client::Pose& pose) { outcome.poses.push_back(Text(pose)); };
     callbacks.on_connection = [&](const client::ConnectionChange& change) {
-      if (change.is_away && client::ReasonOf(change.cause) == v1::ROLLED_BACK) ++outcome.num_rollbacks;
+      if (change.is_unreachable && client::ReasonOf(change.cause) == v1::ROLLED_BACK) ++outcome.num_rollbacks;
     };
     callbacks.on_position = [&](const client::TrackPosition& position, bool) {
       durable_seq = position.durable.seq;

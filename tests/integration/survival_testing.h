@@ -18,6 +18,7 @@
 
 #include "client/lib/messages/conversion.h"
 #include "core/geometry/camera.h"
+#include "core/recordings/chunker.h"
 #include "core/recordings/recording_reader.h"
 #include "evpose/recording.h"
 #include "evpose/v1/model_service.grpc.pb.h"

@@ -129,7 +129,7 @@ class RestartTest : public TraceTest {
       proxy_.SetTarget(second->port());
     };
     callbacks.on_connection = [&](const client::ConnectionChange& change) {
-      (change.is_away ? reports_.broken : reports_.back).push_back(change.trace);
+      (change.is_unreachable ? reports_.broken : reports_.back).push_back(change.trace);
     };
     summary_ = Track(*client, session_, callbacks);
     ASSERT_TRUE(summary_.ok()) << summary_.status();

@@ -145,7 +145,7 @@ class StreamingClient {
       changed_.notify_all();
     };
     callbacks.on_connection = [this](const client::ConnectionChange& change) {
-      num_outages_ += change.is_away ? 1 : 0;
+      num_outages_ += change.is_unreachable ? 1 : 0;
     };
     summary_ = client_->Track(
         session_, [this] { return Next(); }, callbacks);

@@ -4,7 +4,7 @@
 
   proto_lint.py [DIRECTORY]     by default proto/evpose of this repository
 
-Rules: the package is the folder; names are lower_snake_case, PascalCase or UPPER_SNAKE_CASE by kind; the first value
+Rules: the package is the folder; names are lower_snake_case, PascalCase or UPPER_SNAKE_CASE by kind, and those of booleans have no prefix "is_"; the first value
 of an enum is ENUM_NAME_UNSPECIFIED = 0, and the others have the enum's prefix, except for ErrorReason, whose names
 are sent as text (AIP-193); the request of a method is MethodRequest and is used once; its response is MethodResponse,
 google.protobuf.Empty for Delete, or a resource for Get and Upload; every service, method, message, enum, field and
@@ -113,6 +113,8 @@ class File:
             self.fields.append((message, name, field.group(1), comment if kind == "message" else None, number))
             if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
                 self.report(number, f"field {name} is not lower_snake_case")
+            if self.has_comments and field.group(1) == "bool" and name.startswith("is_"):
+                self.report(number, f"field {name} has the prefix is_ (AIP-140)")
         if name is None:
             return
         self.scopes[-1][2] += 1

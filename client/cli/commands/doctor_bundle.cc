@@ -21,6 +21,7 @@
 #include "core/base/counted.h"
 #include "core/base/status_macros.h"
 #include "core/geometry/trajectory.h"
+#include "core/recordings/chunker.h"
 #include "server/rpc/server.h"
 
 namespace evpose::client {

@@ -24,18 +24,18 @@ std::string Names(const StreamTrace& trace) {
 
 std::string ConnectionMessages::Describe(const ConnectionChange& change) {
   const std::string kept = absl::StrFormat("%.1f MB kept", static_cast<double>(change.kept_bytes) * 1e-6);
-  if (!change.is_away) {
+  if (!change.is_unreachable) {
     is_away_ = false;
-    away_for_ += change.away_for;
-    return absl::StrCat(change.server, ": connected again after ", Seconds(change.away_for), "; ", kept,
+    away_for_ += change.outage;
+    return absl::StrCat(change.server, ": connected again after ", Seconds(change.outage), "; ", kept,
                         Names(change.trace));
   }
   const bool is_new = !is_away_;
   if (is_new) ++outages_;
   is_away_ = true;
-  if (!is_new && change.away_for > kOftenAtFirst && change.away_for - described_at_ < kLaterEvery) return "";
-  described_at_ = change.away_for;
-  std::string text = absl::StrCat("no connection for ", Seconds(change.away_for));
+  if (!is_new && change.outage > kOftenAtFirst && change.outage - described_at_ < kLaterEvery) return "";
+  described_at_ = change.outage;
+  std::string text = absl::StrCat("no connection for ", Seconds(change.outage));
   if (!change.cause.ok()) absl::StrAppend(&text, " (", change.cause.message(), ")");
   absl::StrAppend(&text, "; ", kept);
   if (change.source_waits) absl::StrAppend(&text, ", no room for more: the source waits");

@@ -11,10 +11,10 @@ namespace {
 
 ConnectionChange Away(double away_s) {
   ConnectionChange change;
-  change.is_away = true;
+  change.is_unreachable = true;
   change.server = "host:1";
   change.cause = absl::UnavailableError("connection refused");
-  change.away_for = absl::Seconds(away_s);
+  change.outage = absl::Seconds(away_s);
   change.next_try_in = absl::Seconds(2);
   change.kept_bytes = 3'100'000;
   return change;
@@ -31,7 +31,7 @@ TEST(ConnectionMessagesTest, ReportsDurationCauseAndKeptData) {
       "no connection for 13.0 s (connection refused); 3.1 MB kept, no room for more: the source waits; next try in "
       "2.0 s at host:1");
   ConnectionChange back = Away(14);
-  back.is_away = false;
+  back.is_unreachable = false;
   EXPECT_EQ(lines.Describe(back), "host:1: connected again after 14.0 s; 3.1 MB kept");
   lines.Describe(Away(1));
   lines.Describe(back);
@@ -45,7 +45,7 @@ TEST(ConnectionMessagesTest, NamesTheStreamThatBrokeAndTheNewOne) {
   change.trace = {"0af7", "b7ad"};
   EXPECT_THAT(lines.Describe(change), ::testing::EndsWith(" at host:1; trace_id=0af7 span_id=b7ad"));
   EXPECT_THAT(lines.Describe(change), ::testing::EndsWith(" at host:1"));
-  change.is_away = false;
+  change.is_unreachable = false;
   change.trace.span_id = "00f0";
   EXPECT_EQ(lines.Describe(change), "host:1: connected again after 1.0 s; 3.1 MB kept; trace_id=0af7 span_id=00f0");
 }

@@ -18,6 +18,7 @@
 #include "client/cli/common/pose_format.h"
 #include "client/cli/common/replay_report.h"
 #include "core/estimation/sensor_profile.h"
+#include "core/recordings/chunker.h"
 #include "core/recordings/recording_reader.h"
 #include "evpose/client.h"
 

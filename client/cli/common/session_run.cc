@@ -295,7 +295,7 @@ TrackCallbacks SessionRun::MakeCallbacks() {
     progress_->Update(value);
   };
   callbacks.on_connection = [this](const ConnectionChange& change) {
-    is_away_ = change.is_away;
+    is_away_ = change.is_unreachable;
     PrintLine(connection_.Describe(change));
   };
   callbacks.on_position = [this](const TrackPosition& position, bool has_new_token) {

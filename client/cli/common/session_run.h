@@ -21,7 +21,7 @@
 #include "client/cli/common/session_progress.h"
 #include "client/lib/stream/event_feed.h"
 #include "client/mcap/session_observer.h"
-#include "core/recordings/recording_reader.h"
+#include "core/recordings/chunker.h"
 #include "evpose/client.h"
 
 namespace evpose::client {

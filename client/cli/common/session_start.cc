@@ -59,7 +59,7 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
   const auto report = [&](ConnectionChange change) {
     const OutboxState state = run.feed().outbox().state();
     change.server = arguments.server.address;
-    change.away_for = clock.Now() - *away_since;
+    change.outage = clock.Now() - *away_since;
     change.kept_bytes = state.kept_bytes;
     change.source_waits = state.is_waiting;
     run.PrintLine(run.connection().Describe(change));
@@ -73,7 +73,7 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     absl::StatusOr<std::unique_ptr<Client>> client =
         TryToStart(options, run, arguments, context, timeout_s, request_id, was_connected);
     if (client.ok()) {
-      if (away_since) report({.is_away = false});
+      if (away_since) report({.is_unreachable = false});
       return client;
     }
     const absl::Status& status = client.status();
@@ -83,7 +83,7 @@ absl::StatusOr<std::unique_ptr<Client>> StartSession(const SessionStartOptions& 
     // The error of a full server states the delay before the next attempt.
     const absl::Duration delay = std::max(backoff.Next(), GetDetails(status).retry_in);
     if (clock.Now() - *away_since + delay > options.retry.max_outage) return status;
-    report({.is_away = true, .cause = status, .next_try_in = delay});
+    report({.is_unreachable = true, .cause = status, .next_try_in = delay});
     if (!Sleep(delay, clock, context)) return Interrupted(arguments, status);
   }
 }

@@ -17,8 +17,10 @@ namespace evpose::client {
 
 struct SessionStartOptions {
   RetryOptions retry;  // retries after a server has become unreachable
-  // Whether a server is waited for in the same way from the start; otherwise the first one for --connect-timeout.
+  // Whether the run continues a session. The first connection is then repeated as `retry` states; otherwise it is tried
+  // for --connect-timeout.
   bool continues_session = false;
+  // Called with the configuration before the session is created.
   std::function<void(SessionConfig&)> complete = [](SessionConfig&) {};
 };
 

@@ -70,7 +70,7 @@ std::optional<ContinuousSymmetry> SymmetryFromProto(const v1::Model& message) {
   const bool is_sphere = symmetry.kind() == v1::ContinuousSymmetry::KIND_SPHERE;
   if (!is_sphere && symmetry.kind() != v1::ContinuousSymmetry::KIND_AXIS) return std::nullopt;
   return ContinuousSymmetry{is_sphere ? ContinuousSymmetry::Kind::kSphere : ContinuousSymmetry::Kind::kAxis,
-                            FromProto(symmetry.centre_m()), FromProto(symmetry.axis()), symmetry.is_flippable()};
+                            FromProto(symmetry.centre_m()), FromProto(symmetry.axis()), symmetry.flippable()};
 }
 
 v1::Quaternion RotationToProto(const Eigen::Matrix3d& rotation) {

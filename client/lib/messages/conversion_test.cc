@@ -121,7 +121,7 @@ TEST(ConversionTest, ModelHasItsContinuousSymmetry) {
   v1::ContinuousSymmetry& symmetry = *message.mutable_continuous_symmetry();
   symmetry.mutable_centre_m()->set_x(0.25);
   symmetry.mutable_axis()->set_y(1.0);
-  symmetry.set_is_flippable(true);
+  symmetry.set_flippable(true);
   for (const auto& [theirs, ours] : {std::pair{v1::ContinuousSymmetry::KIND_AXIS, ContinuousSymmetry::Kind::kAxis},
                                      {v1::ContinuousSymmetry::KIND_SPHERE, ContinuousSymmetry::Kind::kSphere}}) {
     symmetry.set_kind(theirs);

@@ -10,7 +10,7 @@
 #include "core/events/decoder.h"
 #include "core/geometry/camera.h"
 #include "core/geometry/rigid_transform.h"
-#include "core/recordings/recording_reader.h"
+#include "core/recordings/chunker.h"
 #include "evpose/track.h"
 #include "evpose/types.h"
 

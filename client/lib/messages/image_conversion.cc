@@ -102,7 +102,7 @@ absl::StatusOr<ModelGeometry> FromProto(const v1::ModelGeometry& message) {
     return GeometryError("a number is not finite");
   }
   ModelGeometry geometry;
-  geometry.is_simplified = message.is_simplified();
+  geometry.is_simplified = message.simplified();
   const float* const vertices = message.vertices_m().data();
   for (int i = 0; i < message.vertices_m_size(); i += 3) geometry.vertices_m.emplace_back(vertices + i);
   for (int i = 0; i < message.faces_size(); i += 3) {

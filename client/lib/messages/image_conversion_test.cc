@@ -105,7 +105,7 @@ v1::ModelGeometry TriangleGeometry() {
   for (const float number : {0.0f, 0.0f, 0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 1.0f, 0.0f}) geometry.add_vertices_m(number);
   for (const uint32_t vertex : {0, 1, 2}) geometry.add_faces(vertex);
   for (const float number : {0.0f, 0.0f, 0.0f, 1.0f, 2.0f, 3.0f}) geometry.add_edges_m(number);
-  geometry.set_is_simplified(true);
+  geometry.set_simplified(true);
   return geometry;
 }
 

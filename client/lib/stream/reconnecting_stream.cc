@@ -153,10 +153,10 @@ bool ReconnectingStream::WaitForNextTry(const absl::Status& cause) {
   if (now + delay - *away_since_ > options_.retry.max_outage) return false;
   ++tries_;
   if (!is_same_server) index_ = (index_ + 1) % servers_.size();
-  Report({.is_away = true,
+  Report({.is_unreachable = true,
           .server = server().name,
           .cause = cause,
-          .away_for = now - *away_since_,
+          .outage = now - *away_since_,
           .next_try_in = delay,
           .trace = {}});
   return clock().SleepUntil(now + delay, options_.stop.get_token());
@@ -166,10 +166,10 @@ void ReconnectingStream::ReportAttached() {
   current_ = index_;
   attached_at_ = clock().Now();
   if (!away_since_) return;
-  Report({.is_away = false,
+  Report({.is_unreachable = false,
           .server = server().name,
           .cause = absl::OkStatus(),
-          .away_for = clock().Now() - *away_since_,
+          .outage = clock().Now() - *away_since_,
           .next_try_in = absl::ZeroDuration(),
           .trace = {}});
 }

@@ -53,12 +53,12 @@ TEST_F(TrackResumeTest, ContinuesAtTheServersPositionAndDropsRepeatedPoses) {
   EXPECT_EQ(positions_[0].previous_token, "T0");
   EXPECT_EQ(positions_[1].last_pose_seq, 4u);
   ASSERT_EQ(changes_.size(), 2u);
-  EXPECT_TRUE(changes_[0].is_away);
+  EXPECT_TRUE(changes_[0].is_unreachable);
   EXPECT_THAT(changes_[0].cause.message(), HasSubstr("connection reset"));
   EXPECT_EQ(changes_[0].next_try_in, absl::Milliseconds(100));
   EXPECT_EQ(changes_[0].kept_bytes, 40u);
-  EXPECT_FALSE(changes_[1].is_away);
-  EXPECT_EQ(changes_[1].away_for, absl::Milliseconds(100));
+  EXPECT_FALSE(changes_[1].is_unreachable);
+  EXPECT_EQ(changes_[1].outage, absl::Milliseconds(100));
 }
 
 // The server, the callbacks, the summary and the errors have the same IDs.
@@ -133,7 +133,7 @@ TEST_F(TrackResumeTest, DelaysDoubleUntilTheServerMakesProgress) {
   ASSERT_TRUE(Run().ok());
   std::vector<double> delays_ms;
   for (const ConnectionChange& change : changes_) {
-    if (change.is_away) delays_ms.push_back(absl::ToDoubleMilliseconds(change.next_try_in));
+    if (change.is_unreachable) delays_ms.push_back(absl::ToDoubleMilliseconds(change.next_try_in));
   }
   EXPECT_THAT(delays_ms, ElementsAre(100, 200, 400, 100, 200));
 }
@@ -285,7 +285,7 @@ TEST_F(TrackResumeTest, AStopRequestEndsTheWait) {
   scripts_ = {Refuse(kCut), Refuse(kCut), Refuse(kCut)};
   TrackCallbacks callbacks;
   callbacks.on_connection = [this](const ConnectionChange& change) {
-    if (change.away_for > absl::ZeroDuration()) options_.stop.request_stop();
+    if (change.outage > absl::ZeroDuration()) options_.stop.request_stop();
   };
   ExpectError(client_->Track(session_, Source({8}), callbacks, options_), absl::StatusCode::kCancelled, "cancelled");
 }

@@ -153,7 +153,7 @@ def model_from_message(message: Any) -> Model:
         format=_name(model_service_pb2.ModelFormat, message.format, "MODEL_FORMAT_").lower(), metres_per_unit=message.metres_per_unit,
         crease_angle_deg=message.crease_angle_deg, surface=Surface(message.surface) if message.surface in tuple(Surface) else None,
         sha256=bytes(message.sha256), create_time=_time(message, "create_time"), symmetry_centre_m=_point(of.centre_m) if has_symmetry else None,
-        symmetry_axis=_point(of.axis) if symmetry == "axis" else None, symmetry_is_flippable=of.is_flippable)
+        symmetry_axis=_point(of.axis) if symmetry == "axis" else None, symmetry_is_flippable=of.flippable)
 
 
 def server_from_message(message: Any) -> ServerInfo:

@@ -17,7 +17,7 @@ enum class EdgeKind : uint8_t {
   kContour,   // the surface turns away from the camera; depends on the view
 };
 
-// A chain of edges of one kind between corners, or a ring. Curved: straight edges are ModelLines.
+// A chain of edges of one kind between corners, or a ring. Straight edges are ModelLines instead.
 struct EdgeCurve {
   EdgeKind kind = EdgeKind::kCrease;
   std::vector<Eigen::Vector3d> points;  // at least two, object frame, metres; the first one again at the end of a ring

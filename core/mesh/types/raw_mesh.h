@@ -54,7 +54,7 @@ struct RawMesh {
   std::vector<std::array<uint32_t, 2>> covered_edges;
   // Polygons of which AppendPolygon() omitted parts.
   size_t cut_polygons = 0;
-  // What of the file is not used, for the user.
+  // Notices for the user about parts of the file that are not used.
   std::vector<std::string> notices;
 };
 

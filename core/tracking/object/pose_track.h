@@ -144,12 +144,12 @@ class PoseTrack {
   bool IsSlow(const WindowInput& input) const;
   // Whether there are significantly more events near the lines than the background rate explains.
   bool HasSignal(const WindowFit& fit) const;
-  // The share of a window in a running mean that forgets this share in a window of 1 ms or more.
+  // Returns the weight of one window in a running mean in which a window of 1 ms or more has the weight `per_ms`.
   double PerWindow(double per_ms) const {
     return per_ms / static_cast<double>(context_.options.windows.intervals_per_usual());
   }
-  // Whether there is no such excess over the last windows either. It adds this window to the running sums and is
-  // therefore to be called once per window.
+  // Returns whether the sums over the last windows, to which it adds this window, show no such excess either. To be
+  // called once per window.
   bool IsOnlyBackground(const WindowFit& fit);
   // Handles a window in which the other objects occlude all lines: the estimate is the prediction with its covariance.
   std::optional<PoseEstimate> PredictOccluded(const EventWindow& window);

@@ -166,7 +166,7 @@ v1::ContinuousSymmetry ToProto(const ContinuousSymmetry& symmetry) {
   out.set_kind(EnumNumber<v1::ContinuousSymmetry::Kind>(symmetry.kind));
   *out.mutable_centre_m() = ToProto(symmetry.centre);
   if (symmetry.kind == ContinuousSymmetry::Kind::kAxis) *out.mutable_axis() = ToProto(symmetry.axis);
-  out.set_is_flippable(symmetry.is_flippable);
+  out.set_flippable(symmetry.is_flippable);
   return out;
 }
 

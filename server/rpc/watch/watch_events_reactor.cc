@@ -63,7 +63,7 @@ class WatchEventsReactor : public WatchReactor<v1::WatchEventsResponse> {
   absl::Status OnFound() override ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     const std::shared_ptr<EventImages> images = session().event_images();
     if (images == nullptr) {
-      if (session().Watch().ended) return absl::OkStatus();
+      if (session().Watch().has_ended) return absl::OkStatus();
       return WithReason(
           absl::FailedPreconditionError(absl::StrCat(
               name_,
@@ -92,7 +92,7 @@ class WatchEventsReactor : public WatchReactor<v1::WatchEventsResponse> {
     if (reader_ != nullptr) Fail(reader_->status());
     const auto taken = reader_ == nullptr ? std::nullopt : reader_->Take();
     // All images of a session are due before the session has ended.
-    is_last = view.ended && !taken.has_value();
+    is_last = view.has_ended && !taken.has_value();
     if (taken) *response.mutable_image() = ToProto(*taken->image, taken->num_skipped, session().config());
     return taken.has_value();
   }

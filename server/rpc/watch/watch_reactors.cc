@@ -71,7 +71,7 @@ class WatchPosesReactor : public WatchReactor<v1::WatchPosesResponse> {
         if (IsDue(pose)) *response.add_poses() = ToProto(pose, session().config());
       }
     }
-    is_last = view.ended && cursor_ >= view.last_pose_seq;
+    is_last = view.has_ended && cursor_ >= view.last_pose_seq;
     return !response.poses().empty() || response.num_skipped() > 0;
   }
 
@@ -112,12 +112,12 @@ class WatchHealthReactor : public WatchReactor<v1::WatchHealthResponse> {
  private:
   bool PickResponse(const WatchView& view, v1::WatchHealthResponse& response, bool& is_last) override
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
-    is_last = view.ended && final_was_sent_;
-    if (is_last || !(is_due_ || view.ended)) return false;
+    is_last = view.has_ended && final_was_sent_;
+    if (is_last || !(is_due_ || view.has_ended)) return false;
     is_due_ = false;
-    final_was_sent_ = view.ended;
+    final_was_sent_ = view.has_ended;
     *response.mutable_health() = ToProto(session().health(), session().config());
-    if (!view.ended) Fail(SetAlarm());
+    if (!view.has_ended) Fail(SetAlarm());
     return true;
   }
 

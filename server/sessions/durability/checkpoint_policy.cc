@@ -35,7 +35,7 @@ uint64_t CheckpointPolicy::PersistedSeq(uint64_t processed_seq, const Progress& 
 }
 
 bool CheckpointPolicy::IsEndPersisted(bool has_ended, const Progress& store) const {
-  return has_ended && (!writes_checkpoints_ || store.ended);
+  return has_ended && (!writes_checkpoints_ || store.has_ended);
 }
 
 bool CheckpointPolicy::IsFlushed(const Counters& now, const Progress& store) const {

@@ -121,8 +121,8 @@ TEST(CheckpointPolicyTest, PersistedIsWhatTheStoreHas) {
   const CheckpointPolicy policy = SomePolicy();
   EXPECT_EQ(policy.PersistedSeq(11, {.seq = 9}), 9u);
   EXPECT_FALSE(policy.IsEndPersisted(true, Progress()));
-  EXPECT_TRUE(policy.IsEndPersisted(true, {.ended = true}));
-  EXPECT_FALSE(policy.IsEndPersisted(false, {.ended = true}));
+  EXPECT_TRUE(policy.IsEndPersisted(true, {.has_ended = true}));
+  EXPECT_FALSE(policy.IsEndPersisted(false, {.has_ended = true}));
 }
 
 TEST(CheckpointPolicyTest, IsFlushedWhenNothingIsLeft) {

@@ -28,7 +28,7 @@ std::optional<SessionSums> SumsOf(const StoredSession& stored, absl::Time now) {
   }
   return SessionSums{.health = StoredHealth(checkpoint, *lifecycle),
                      .lifetime = now - stored.record.create_time,
-                     .was_reported = checkpoint.ended || lifecycle->lost_from_seq > 0};
+                     .was_reported = checkpoint.has_ended || lifecycle->lost_from_seq > 0};
 }
 
 }  // namespace

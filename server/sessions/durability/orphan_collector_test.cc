@@ -90,7 +90,7 @@ TEST_P(OrphanCollectorTest, TheLogHasTheSumsOfWhatIsDeleted) {
   checkpoint.health.objects.resize(1);
   checkpoint.pipeline.emplace().position.reported_states = {TrackState::kTracking};
   for (const bool has_ended : {false, true}) {
-    checkpoint.ended = has_ended;
+    checkpoint.has_ended = has_ended;
     const auto lease = store_->CreateSession(record, EncodeLifecycle(lifecycle)).value();
     ASSERT_TRUE(CommitNow(*lease, {.checkpoint = EncodeCheckpoint(checkpoint), .poses = {{1, 9, "poses"}}}).ok());
     captured_log.Take();

@@ -339,7 +339,7 @@ absl::StatusOr<SessionCheckpoint> DecodeCheckpoint(absl::string_view bytes, size
   RecordCheck check("checkpoint");
   pb::Checkpoint stored;
   check.Parse(bytes, stored);
-  SessionCheckpoint checkpoint = {.processed_seq = stored.processed_seq(), .ended = stored.ended()};
+  SessionCheckpoint checkpoint = {.processed_seq = stored.processed_seq(), .has_ended = stored.ended()};
   FromStored(stored.health(), check, checkpoint.health);
   check.Require(checkpoint.health.objects.size() == num_objects, "it has another number of objects");
   checkpoint.latencies = LatencyHistogram({stored.latency_counts().data(), size_t(stored.latency_counts().size())});

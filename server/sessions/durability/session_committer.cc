@@ -158,7 +158,7 @@ void SessionCommitter::RecordDone() {
   progress_.lifecycle = std::max(progress_.lifecycle, in_flight_.lifecycle);
   progress_.seq = std::max(progress_.seq, in_flight_.seq);
   progress_.last_pose_seq = std::max(progress_.last_pose_seq, in_flight_.last_pose_seq);
-  progress_.ended |= in_flight_.commit.ended_at.has_value();
+  progress_.has_ended |= in_flight_.commit.ended_at.has_value();
   in_flight_ = Batch();
 }
 

@@ -36,7 +36,7 @@ class SessionCommitter : public std::enable_shared_from_this<SessionCommitter> {
     uint64_t lifecycle = 0;  // number of the newest lifecycle record
     uint64_t seq = 0;        // last item that the newest checkpoint includes
     uint64_t last_pose_seq = 0;
-    bool ended = false;
+    bool has_ended = false;
     bool has_waiting = false;  // a checkpoint was passed on and is not persisted yet
     bool is_store_unavailable = false;
     // Not OK if nothing more is persisted. It is the error for the clients of the session: ABORTED (FENCED), NOT_FOUND

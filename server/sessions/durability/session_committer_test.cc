@@ -98,7 +98,7 @@ TEST_F(SessionCommitterTest, OneCommitAtATimeAndWaitingDataShareTheNext) {
   EXPECT_EQ(progress.seq, 7u);
   EXPECT_EQ(progress.last_pose_seq, 10u);
   EXPECT_FALSE(progress.has_waiting);
-  EXPECT_FALSE(progress.ended);
+  EXPECT_FALSE(progress.has_ended);
   EXPECT_EQ(NumIn(metrics_->checkpoint_time), 1u);
   EXPECT_EQ(NumWaiting(), 0u) << "nothing is committed twice";
   EXPECT_EQ(num_changes_, 2);
@@ -126,7 +126,7 @@ TEST_F(SessionCommitterTest, AnUnavailableCommitIsRepeatedWithTheLaterData) {
   const Progress progress = committer_->progress();
   EXPECT_EQ(progress.seq, 2u);
   EXPECT_EQ(progress.last_pose_seq, 20u);
-  EXPECT_TRUE(progress.ended);
+  EXPECT_TRUE(progress.has_ended);
   EXPECT_FALSE(progress.is_store_unavailable);
   EXPECT_EQ(metrics_->checkpoint_failures[CheckpointFailure::kStoreUnavailable].value(), num_failures);
   EXPECT_EQ(NumIn(metrics_->checkpoint_time), 1u);

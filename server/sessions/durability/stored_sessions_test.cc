@@ -180,10 +180,10 @@ TEST_P(EarlierStoreTest, EverythingIsReadAsItWasWritten) {
     EXPECT_EQ(lifecycle->detached_at, absl::FromUnixSeconds(1'000'000));
     const auto checkpoint = DecodeCheckpoint(stored.checkpoint, 1);
     ASSERT_TRUE(checkpoint.ok()) << checkpoint.status();
-    EXPECT_EQ(checkpoint->ended, request_id == std::string("ended"));
+    EXPECT_EQ(checkpoint->has_ended, request_id == std::string("ended"));
     EXPECT_GE(checkpoint->processed_seq, kNumChunks);
-    EXPECT_EQ(checkpoint->pipeline.has_value(), !checkpoint->ended);
-    if (checkpoint->ended) continue;
+    EXPECT_EQ(checkpoint->pipeline.has_value(), !checkpoint->has_ended);
+    if (checkpoint->has_ended) continue;
     EXPECT_EQ(checkpoint->processed_seq, kNumChunks);
     EXPECT_GE(checkpoint->pipeline->position.first_t_us, 0);
     EXPECT_EQ(checkpoint->pipeline->position.now_us, checkpoint->health.t_us);
@@ -200,7 +200,7 @@ TEST_P(EarlierStoreTest, ItsSessionsAreListedAndTheirPosesAreRead) {
     SCOPED_TRACE(request_id);
     const auto session = Find(request_id);
     ASSERT_NE(session, nullptr);
-    EXPECT_EQ(session->Watch().ended, request_id == std::string("ended"));
+    EXPECT_EQ(session->Watch().has_ended, request_id == std::string("ended"));
     EXPECT_GT(session->Snapshot().health.counts.cd_events, 0u);
     EXPECT_EQ(session->pose_log().last_pose_seq(), session->Snapshot().health.poses);
     ExpectPosesAreTrue(session, 1);
@@ -248,7 +248,7 @@ TEST_F(StoredSessionsTest, AStoreIsWritten) {
     for (uint64_t seq = 1; seq <= kNumChunks; ++seq) Track(session, stream, seq);
     if (request_id == "ended") {
       ASSERT_TRUE(session->PushEnd(stream).ok());
-      Until(session, [&] { return session->View(stream).ended; });
+      Until(session, [&] { return session->View(stream).has_ended; });
     }
     session->Detach(stream);
     session->Flush();

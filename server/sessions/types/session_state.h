@@ -126,7 +126,7 @@ struct PipelineState {
 // State from which a session can be resumed. It is always the state between two items.
 struct SessionCheckpoint {
   uint64_t processed_seq = 0;
-  bool ended = false;
+  bool has_ended = false;
   SessionHealth health;  // received_bytes equals processed_bytes: the client sends the rest again
   LatencyHistogram latencies;
   std::optional<PipelineState> pipeline;  // absent when ended

@@ -80,8 +80,8 @@ struct StreamView {
   bool has_room = false;      // the session accepts another message
   bool is_idle = false;       // everything pushed has been processed, and all its poses may be sent
   bool is_persisted = false;  // everything that was processed has been persisted, and no item is being processed
-  bool attached = false;      // the attachment has been persisted: the response `attached` may be sent
-  bool ended = false;         // `end` has been processed, and all its results have been persisted
+  bool is_attached = false;   // the attachment has been persisted: the response `attached` may be sent
+  bool has_ended = false;     // `end` has been processed, and all its results have been persisted
   SessionAck ack;
   uint64_t last_pose_seq = 0;  // highest number of a pose that may be sent
 };

@@ -20,8 +20,8 @@ namespace evpose::server {
 
 // State of the session from which a watcher decides its next action.
 struct WatchView {
-  absl::Status status;  // not OK: the session no longer exists; DATA_LOSS: the poses until then can still be read
-  bool ended = false;   // there will be no more poses
+  absl::Status status;     // not OK: the session no longer exists; DATA_LOSS: the poses until then can still be read
+  bool has_ended = false;  // there will be no more poses
   uint64_t last_pose_seq = 0;
 };
 

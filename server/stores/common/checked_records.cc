@@ -157,12 +157,12 @@ absl::Status DecodeModelBytes(const std::string& encoded, ModelRecord& model) {
 absl::Status CheckWhole(absl::string_view session, const std::vector<PoseSegment>& poses, uint64_t first_pose_seq_kept,
                         uint64_t next_pose_seq) {
   uint64_t expected = poses.empty() ? next_pose_seq : poses.front().first_pose_seq;
-  bool whole = poses.empty() ? first_pose_seq_kept >= next_pose_seq : expected <= first_pose_seq_kept;
+  bool is_whole = poses.empty() ? first_pose_seq_kept >= next_pose_seq : expected <= first_pose_seq_kept;
   for (const PoseSegment& segment : poses) {
-    whole = whole && segment.first_pose_seq == expected;
+    is_whole = is_whole && segment.first_pose_seq == expected;
     expected = segment.last_pose_seq + 1;
   }
-  if (whole && expected == next_pose_seq) return absl::OkStatus();
+  if (is_whole && expected == next_pose_seq) return absl::OkStatus();
   return absl::DataLossError(
       absl::StrCat("poses of ", session, " are missing between ", first_pose_seq_kept, " and ", next_pose_seq - 1));
 }

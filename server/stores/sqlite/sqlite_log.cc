@@ -59,18 +59,18 @@ std::string FindDamageOfSqliteLog(const std::string& path) {
     return absl::StrCat("the header of the log ", path, " is damaged: the last commits may be missing");
   }
   std::vector<uint8_t> frame(kFrameHeaderBytes + page_bytes);
-  bool whole = true;
+  bool is_whole = true;
   int lost_commits = 0;
   while (ReadBytes(file, frame)) {
     // Behind the frames of this log there may be frames of an earlier one, which have another salt.
     const bool is_ours = std::equal(frame.begin() + 8, frame.begin() + 16, header.begin() + 16);
-    if (is_ours && whole) {
+    if (is_ours && is_whole) {
       checksum.Add(frame.data(), 8);
       checksum.Add(frame.data() + kFrameHeaderBytes, page_bytes);
     }
-    whole = whole && is_ours && checksum.Is(frame.data() + 16);
+    is_whole = is_whole && is_ours && checksum.Is(frame.data() + 16);
     const bool ends_transaction = BigEndian(frame.data() + 4) != 0;
-    if (!whole && is_ours && ends_transaction) ++lost_commits;
+    if (!is_whole && is_ours && ends_transaction) ++lost_commits;
   }
   if (lost_commits < 2) return "";
   return absl::StrCat("the log ", path, " is damaged in its middle: the last ", lost_commits,

@@ -16,18 +16,18 @@ namespace {
 template <typename Key, typename ReadKey>
 bool CollectKeys(SqliteDatabase& database, const std::vector<std::string>& lists, const ReadKey& read_key,
                  std::set<Key>& keys) {
-  bool whole = true;
+  bool is_whole = true;
   std::set<size_t> sizes;
   for (const std::string& list : lists) {
     SqliteQuery query = database.Query(list);
     std::set<Key> found;
     while (query.Next()) found.insert(read_key(query));
-    whole = whole && query.status().ok();
+    is_whole = is_whole && query.status().ok();
     sizes.insert(found.size());
     keys.merge(found);
   }
   sizes.insert(keys.size());
-  return whole && sizes.size() == 1;
+  return is_whole && sizes.size() == 1;
 }
 
 std::string FirstText(SqliteQuery& query) { return query.TextAt(0); }
@@ -56,21 +56,20 @@ void CheckFencing(SqliteDatabase& database, SqliteContents& contents) {
 
 void CheckModels(SqliteDatabase& database, SqliteContents& contents) {
   std::set<SqliteModelKey> keys;
-  const bool whole = CollectKeys(
+  const bool is_whole = CollectKeys(
       database,
       {"SELECT name, tenant FROM models NOT INDEXED ORDER BY rowid",
        "SELECT name, tenant FROM models NOT INDEXED ORDER BY rowid DESC",
        "SELECT name, tenant FROM models ORDER BY name, tenant",
        "SELECT name, tenant FROM models ORDER BY name DESC, tenant DESC"},
       [](SqliteQuery& query) { return SqliteModelKey{.tenant = query.TextAt(1), .name = query.TextAt(0)}; }, keys);
-  if (!whole)
+  if (!is_whole)
     contents.damage.push_back(absl::StrCat("the list of models in ", database.path(), ": some may be missing"));
   for (const SqliteModelKey& key : keys) {
     const auto model = SqliteReadModel(database, key.tenant, key.name);
     if (model.ok()) {
       contents.models.push_back(key);
     } else {
-      contents.damaged_models.insert(key);
       contents.damage.push_back(absl::StrCat("model ", Printable(key.name), ": ", Why(model.status())));
     }
   }
@@ -99,8 +98,8 @@ void CheckSessions(SqliteDatabase& database, SqliteContents& contents) {
     lists.emplace_back("SELECT name FROM sessions INDEXED BY sessions_by_lifecycle_write ORDER BY lifecycle_write");
   }
   std::set<std::string> names;
-  const bool whole = CollectKeys(database, lists, FirstText, names);
-  if (!whole) {
+  const bool is_whole = CollectKeys(database, lists, FirstText, names);
+  if (!is_whole) {
     contents.damage.push_back(absl::StrCat("the list of sessions in ", database.path(), ": some may be missing"));
   }
   // The name of a session with a lost record may still be found in the tables of checkpoints and poses.

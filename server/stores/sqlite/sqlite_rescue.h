@@ -21,10 +21,9 @@ struct SqliteContents {
   std::vector<std::string> sessions;
   uint64_t last_fencing_number = 0;  // the highest number found
 
-  // A description of each damage, and the sessions and models that are damaged.
+  // A description of each damage, and the sessions that are damaged.
   std::vector<std::string> damage;
   std::set<std::string, std::less<>> damaged_sessions;
-  std::set<SqliteModelKey> damaged_models;
 };
 
 // Reads all records. Never fails: a record that cannot be read is listed as damaged.

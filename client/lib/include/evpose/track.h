@@ -74,14 +74,14 @@ struct StreamTrace {
 
 // The stream has broken, or it is re-established.
 struct ConnectionChange {
-  bool is_away = false;        // the server is unreachable
-  std::string server;          // the next server to be tried, or the one that accepted the stream
-  absl::Status cause;          // cause of the outage
-  absl::Duration away_for;     // duration of the outage so far
-  absl::Duration next_try_in;  // time until the next attempt, during an outage
-  uint64_t kept_bytes = 0;     // events that wait for the server, or that it may request again
-  bool source_waits = false;   // the storage for events is full
-  StreamTrace trace;           // of the stream that has broken, or of the new one
+  bool is_unreachable = false;  // the server is unreachable
+  std::string server;           // the next server to be tried, or the one that accepted the stream
+  absl::Status cause;           // cause of the outage
+  absl::Duration outage;        // duration of the outage so far
+  absl::Duration next_try_in;   // time until the next attempt, during an outage
+  uint64_t kept_bytes = 0;      // events that wait for the server, or that it may request again
+  bool source_waits = false;    // the storage for events is full
+  StreamTrace trace;            // of the stream that has broken, or of the new one
 };
 
 // Called in the thread that called Track(), in the order in which the server sent the messages. A slow callback delays

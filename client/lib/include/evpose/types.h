@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
-// Parameters and results of the client library. Each type corresponds to a message or enumeration of the same name in
-// proto/evpose/v1. The enumerators have the numbers of the API. Times `t_us` are microseconds on the sensor's clock.
+// Parameters and results of the client library. Most types correspond to a message or enumeration in proto/evpose/v1,
+// some under another name (client/lib/messages converts them). The enumerators have the numbers of the API. Times
+// `t_us` are microseconds on the sensor's clock.
 #pragma once
 
 #include <Eigen/Core>
@@ -168,7 +169,9 @@ struct TrackedObject {
   std::string object_id = "object";
   std::string model;                                    // ModelInfo::name
   std::optional<Transform> initial_camera_from_object;  // absent: the pose is searched for in the events
-  std::optional<Eigen::Matrix3d> reference_rotation;    // absent: the identity
+  // A rotation camera_from_object. Of the poses in which a symmetric object looks the same, the one nearest to it is
+  // reported. Absent: the identity.
+  std::optional<Eigen::Matrix3d> reference_rotation;
 };
 
 // What happens when events arrive faster than the session tracks them.
@@ -252,7 +255,12 @@ struct SessionHealth {
   std::vector<ObjectHealth> objects;
 };
 
-enum class SessionState { kUnknown, kDetached, kAttached, kEnded };
+enum class SessionState {
+  kUnknown,   // not given, or a state of a later server
+  kDetached,  // the session waits for a stream until expire_time
+  kAttached,  // a stream is attached
+  kEnded,     // all events are processed; the session can be read until expire_time
+};
 std::string_view SessionStateName(SessionState state);  // "UNKNOWN", "DETACHED", "ATTACHED", "ENDED"
 
 struct Session {
@@ -261,7 +269,7 @@ struct Session {
   std::string resume_token;  // returned by CreateSession only; a secret
   SessionState state = SessionState::kUnknown;
   absl::Time create_time = absl::InfinitePast();
-  std::optional<absl::Time> expire_time;
+  std::optional<absl::Time> expire_time;  // absent while a stream is attached
   SessionHealth health;
 };
 
@@ -282,9 +290,9 @@ struct Pose {
   // Linear and angular velocity in the camera frame, [vx vy vz wx wy wz], m/s and rad/s.
   Eigen::Matrix<double, 6, 1> twist = Eigen::Matrix<double, 6, 1>::Zero();
   TrackState state = TrackState::kInitializing;
-  uint32_t num_events = 0;       // in the gate
-  float explained_ratio = 0.0f;  // fraction of the events in the gate that are attributed to the lines
-  float residual_rms_px = 0.0f;
+  uint32_t num_events = 0;       // events of the window within the gates, the regions about the predicted edges
+  float explained_ratio = 0.0f;  // fraction of these events that are attributed to the edges
+  float residual_rms_px = 0.0f;  // root mean square of the distances of the attributed events from their edges
   absl::Duration latency;
   std::vector<PoseAlternative> alternatives;  // kAmbiguous only: at most 4, the most likely one first
   std::optional<Loss> latest_loss;            // of the object, before this pose; absent before its first loss
@@ -349,17 +357,20 @@ struct ModelGeometry {
   bool is_simplified = false;                           // the mesh was simplified, or edges were left out
 };
 
+// The server shuts down.
 struct GoAway {
-  absl::Duration deadline;
+  absl::Duration deadline;  // from now; the stream is ended then
 };
+// The decoder skipped words or events of a chunk.
 struct DecodeFault {
   uint64_t chunk_seq = 0;
-  uint64_t count = 0;
-  std::string detail;
+  uint64_t count = 0;  // of skipped words and events
+  std::string detail;  // what is wrong with them
 };
+// The state of an object's track has changed.
 struct StateChange {
   std::string object_id;
-  int64_t t_us = 0;
+  int64_t t_us = 0;  // sensor time of the change
   TrackState state = TrackState::kInitializing;
 };
 // Why events were skipped.
