@@ -179,6 +179,7 @@ CommandRunner AddBenchInitializationCommand(CLI::App& app, CliContext& context) 
   auto arguments = std::make_shared<InitializationArguments>();
   app.option_defaults()->group(kExperimentGroup);
   app.add_option("--seed", arguments->options.seed, "Seed of the trials; the same seed gives the same trials")
+      ->check(WholeNumber())
       ->capture_default_str();
   AddNames(app, "--objects", arguments->objects,
            "Use only these objects: " + absl::StrJoin(SimulatedObjectNames(), ", "));

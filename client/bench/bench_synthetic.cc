@@ -193,6 +193,7 @@ CommandRunner AddBenchSyntheticCommand(CLI::App& app, CliContext& context) {
   AddOption(app, "--trials", options.num_trials, "Number of trials of each value of each sweep",
             NumberRange(1, 1'000'000));
   app.add_option("--seed", options.seed, "Seed of the trials; the same seed gives the same trials")
+      ->check(WholeNumber())
       ->capture_default_str();
   AddNames(app, "--sweeps", arguments->sweeps, "Run only these sweeps: noise, outliers, lines");
   AddNames(app, "--methods", options.methods, "Run only these methods");

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <cstdint>
 #include <string>
 
@@ -19,12 +20,23 @@ class NumberRange : public CLI::Range {
   NumberRange(Number least, Number most) : CLI::Range(least, most) {
     func_ = [check = func_, least, most](std::string& input) {
       double number = 0.0;
-      const bool is_nan = absl::SimpleAtod(input, &number) && number != number;
+      const bool is_nan = absl::SimpleAtod(input, &number) && std::isnan(number);
       if (!is_nan) return check(input);
       return absl::StrCat("Value ", input, " not in range ", std::to_string(least), " to ", std::to_string(most));
     };
   }
 };
+
+// Any number but NaN and the infinities.
+inline CLI::Validator FiniteNumber() {
+  return CLI::Validator(
+      [](std::string& input) {
+        double number = 0.0;
+        if (absl::SimpleAtod(input, &number) && std::isfinite(number)) return std::string();
+        return absl::StrCat("\"", input, "\" is not a number");
+      },
+      "");
+}
 
 // A whole number of 64 bits without a sign. Without this check CLI11 converts "-1" and numbers that are too large to
 // the largest one, and an empty text to 0.

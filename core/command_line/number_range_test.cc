@@ -16,6 +16,13 @@ TEST(NumberRangeTest, AcceptsNumbersWithinItsLimitsOnly) {
   EXPECT_EQ(NumberRange(1, 3)("nan"), "Value nan not in range 1 to 3");
 }
 
+TEST(FiniteNumberTest, AcceptsNumbersOfEitherSign) {
+  for (const char* number : {"0", "-1.5", "1e9"}) EXPECT_EQ(FiniteNumber()(number), "") << number;
+  for (const char* number : {"", "nan", "inf", "-infinity", "1e999", "x"}) {
+    EXPECT_EQ(FiniteNumber()(number), absl::StrCat("\"", number, "\" is not a number"));
+  }
+}
+
 TEST(WholeNumberTest, AcceptsNumbersOf64BitsWithoutASign) {
   for (const char* number : {"0", "7", "18446744073709551615"}) EXPECT_EQ(WholeNumber()(number), "") << number;
   for (const char* number : {"", "-1", "1.5", "18446744073709551616", "1e3", "x"}) {

@@ -310,6 +310,7 @@ TEST_F(BadInputTest, RenderReportsInvalidArguments) {
   EXPECT_THAT(late.err, AllOf(HasSubstr(Path("cube/recording.raw")), HasSubstr("no event within")));
   EXPECT_EQ(render({Path("picture.jpeg2000")}).status, 2);
   EXPECT_EQ(render({Path("picture.mp4"), "--at", "16.001"}).status, 2);
+  EXPECT_THAT(render({Path("picture.png"), "--at", "nan"}).err, HasSubstr("--at: \"nan\" is not a number; "));
   EXPECT_EQ(render({Path("picture.mp4"), "--window-ms", "50"}).status, 2);
   WriteText("empty.tum", "");
   const CliResult empty =

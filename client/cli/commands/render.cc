@@ -346,6 +346,7 @@ CommandRunner AddRenderCommand(CLI::App& app, CliContext& context) {
   app.option_defaults()->group(kOutputGroup);
   AddOutputFile(app, "-o,--out", arguments->out, "Picture (.png) or film (.mp4, .avi) to write")->required();
   app.add_option("--at", arguments->at_s, "Time of the picture on the sensor's clock. Default: the middle of the poses")
+      ->check(FiniteNumber())
       ->type_name("SECONDS");
   AddOption(app, "--window-ms", arguments->window_ms, "Duration of the events that are drawn, around that time",
             NumberRange(0.001, 10'000.0))

@@ -297,6 +297,7 @@ CommandRunner AddWatchCommand(CLI::App& app, CliContext& context) {
   app.option_defaults()->group(kOutputGroup);
   CLI::Option* const after =
       app.add_option("--after", arguments->poses.after_pose_seq, "Number of the pose after which the output begins")
+          ->check(WholeNumber())
           ->capture_default_str();
   CLI::Option* const max_rate =
       app.add_option("--max-rate-hz", arguments->poses.max_rate_hz,
