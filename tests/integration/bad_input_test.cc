@@ -422,7 +422,7 @@ TEST_F(BadInputTest, OptionsWithoutEffectAreWrongUsage) {
     EXPECT_EQ(result.status, 2) << result.err;
     return result.err;
   };
-  EXPECT_THAT(error(profile, {"--lens", "fisheye"}), HasSubstr("--lens and --camera exclude each other"));
+  EXPECT_THAT(error(profile, {"--lens", "fisheye"}), HasSubstr("--camera and --lens exclude each other"));
   EXPECT_THAT(error({"calibrate", recording, "--model", model, "--camera-out", Path("unused.yaml"), "--name", "x"}, {}),
               HasSubstr("--name requires --out"));
   EXPECT_THAT(error({"calibrate", recording, "--model", model, "--camera", camera}, {"--camera-out", "x"}),
