@@ -39,6 +39,9 @@ absl::StatusOr<std::unique_ptr<ByteSource>> ByteSource::OpenDescriptor(int descr
   if (S_ISDIR(source->opened_.st_mode)) {
     return absl::InvalidArgumentError(absl::StrCat(name, ": is a directory, not a recording"));
   }
+  // In a program that was started with a closed standard input, a library may have got its descriptor before main(),
+  // for an object that is no file, such as an eventfd.
+  if ((source->opened_.st_mode & S_IFMT) == 0) return absl::InvalidArgumentError(absl::StrCat(name, ": is closed"));
   source->is_regular_ = S_ISREG(source->opened_.st_mode);
   return source;
 }

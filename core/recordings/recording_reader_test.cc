@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/eventfd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -274,6 +275,21 @@ TEST(RecordingReaderTest, AFileThatChangesWhileItIsReadIsAnError) {
         fs::rename(directory.File("other.raw"), path);
       },
       "another file has replaced it");
+}
+
+TEST(RecordingReaderTest, AClosedStandardInputIsAnError) {
+  const int before = dup(STDIN_FILENO);
+  const int no_file = eventfd(0, 0);
+  ASSERT_EQ(dup2(no_file, STDIN_FILENO), STDIN_FILENO);
+  close(no_file);
+  const absl::Status status = RecordingReader::Open("-").status();
+  if (before < 0) {
+    close(STDIN_FILENO);
+  } else {
+    dup2(before, STDIN_FILENO);
+    close(before);
+  }
+  EXPECT_EQ(status, absl::InvalidArgumentError("standard input: is closed"));
 }
 
 TEST(RecordingReaderTest, FollowsAWriterInAnotherThread) {

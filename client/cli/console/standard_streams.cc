@@ -2,6 +2,7 @@
 #include "client/cli/console/standard_streams.h"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 namespace evpose::client {
@@ -18,7 +19,10 @@ void OpenStandardStreams() {
 
 bool IsStandardOutputClosed() {
   const int flags = fcntl(STDOUT_FILENO, F_GETFL);
-  return flags < 0 || (flags & O_ACCMODE) == O_RDONLY;
+  if (flags < 0 || (flags & O_ACCMODE) == O_RDONLY) return true;
+  // A library may have got the descriptor before main(), for an object that is no file, such as an eventfd.
+  struct stat output;
+  return fstat(STDOUT_FILENO, &output) != 0 || (output.st_mode & S_IFMT) == 0;
 }
 
 }  // namespace evpose::client
