@@ -11,7 +11,7 @@ void OpenStandardStreams() {
   // open() returns the lowest free descriptor, which is this one, because those below are open.
   for (const int descriptor : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
     if (fcntl(descriptor, F_GETFD) >= 0) continue;
-    // poll() never reports that a file is readable which is open for writing alone; that of O_PATH ends at once.
+    // For a descriptor that is open for writing alone poll() waits forever; for one of O_PATH it returns at once.
     const int mode = descriptor == STDIN_FILENO ? O_PATH : O_RDONLY;
     if (open("/dev/null", mode) != descriptor) return;
   }
