@@ -5,6 +5,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <initializer_list>
+
 namespace evpose::client {
 
 void OpenStandardStreams() {
