@@ -134,6 +134,22 @@ TEST(MotionPathTest, NoSpeedStandsStill) {
   EXPECT_EQ(PathOf(options).CameraFromObject(0.0).translation_m, PathOf(options).CameraFromObject(9.0).translation_m);
 }
 
+TEST(MotionPathTest, AnErrorStatesTheLeastDistance) {
+  MotionOptions options;
+  options.depth_m = 0.3;
+  const auto create = [&] {
+    return MotionPath::Create(options, kHdCamera, kRadiusM, Eigen::Matrix3d::Identity(), 1).status();
+  };
+  const std::string error(create().message());
+  const size_t number = error.find("more than ");
+  ASSERT_NE(number, std::string::npos) << error;
+  const double least_m = std::stod(error.substr(number + 10));
+  options.depth_m = 1.01 * least_m;  // the error has three digits
+  EXPECT_TRUE(create().ok()) << create();
+  options.depth_m = 0.99 * least_m;
+  EXPECT_FALSE(create().ok());
+}
+
 TEST(MotionPathTest, ErrorsNameTheField) {
   MotionOptions options;
   options.depth_m = 0.3;

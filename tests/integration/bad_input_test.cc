@@ -354,6 +354,7 @@ TEST_F(BadInputTest, AnEmptyNameIsNoFile) {
                                 Path("cube/camera.yaml"), "--out", ""});
   EXPECT_EQ(result.status, 2);
   EXPECT_THAT(result.err, HasSubstr("--out: the name is empty"));
+  EXPECT_THAT(Run({"camera", ""}).err, HasSubstr("evpose camera: FILE: the name is empty"));
 }
 
 // The log of the clock is the second of the two files.
