@@ -178,7 +178,7 @@ TEST(KeepLinesWithin, KeepsLinesWithinReachAtTheEventsTime) {
   EXPECT_EQ(beyond.num_lines, 0);
 }
 
-// A ring about the optical axis whose curve has another number than that of other lines.
+// A ring about the optical axis. Its elements have the curve number 5 instead of the default 0.
 std::vector<TrackedLine> Ring(int count, double radius_m) {
   std::vector<TrackedLine> ring = testing::TrackedRing(count, radius_m);
   for (TrackedLine& line : ring) line.curve = 5;

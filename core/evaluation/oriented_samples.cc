@@ -174,7 +174,7 @@ std::vector<Vector3d> CandidateAxes(const ObjectModel& model, absl::Span<const O
   const std::vector<Vector3d> faces = normals.Largest(kMaxOfEach), lines = along.Largest(kMaxOfEach);
   for (const Vector3d& axis : faces) AddAxis(axis, axes);
   for (const Vector3d& axis : lines) AddAxis(axis, axes);
-  // The axes through the edges and corners of a cube whose face normals are `sides`.
+  // If the directions `sides` are the face normals of a cube, these are its axes through edges and through corners.
   const std::vector<Vector3d>& sides = faces.empty() ? lines : faces;
   const size_t count = std::min<size_t>(3, sides.size());
   for (size_t i = 0; i < count; ++i) {

@@ -12,8 +12,8 @@
 namespace evpose {
 namespace {
 
-// Angles in radians. A view reaches at least kReach from its axis: farther borders have a view of their own, whose axis
-// is 35 degrees from the border, so that an object beside the border is well inside.
+// All angles are in radians. A view shows directions up to kReach from its axis, and more where it must be as large as
+// the sensor. A border of the sensor beyond kReach gets another view, with its axis kFromBorder inside the border.
 constexpr double kReach = 50.0 / kDegreesPerRadian;
 constexpr double kFromBorder = 35.0 / kDegreesPerRadian;
 // Largest distance of two axes in a row or column: halfway between them a pixel is stretched by 1 / cos^2 = 5 %.

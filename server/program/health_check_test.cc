@@ -144,7 +144,7 @@ TEST(HealthCheckTest, WrongUsage) {
   ExpectOneLine(Check("127.0.0.1:0"), 2, "port 0 is not a server's port");
   ExpectOneLine(Check("--tls-cert c 127.0.0.1:1"), 2, "--tls-cert and --tls-key belong together");
   EXPECT_EQ(Check("--timeout 0 127.0.0.1:1").status, 2);
-  ExpectOneLine(Check("--timeout nan 127.0.0.1:1"), 2, "--timeout: is not a number");
+  ExpectOneLine(Check("--timeout nan 127.0.0.1:1"), 2, "--timeout: \"nan\" is not a number from 0.001 to 3600; ");
   EXPECT_EQ(Check("--no-such-option").status, 2);
   const Result help = Check("--help");
   EXPECT_EQ(help.status, 0);

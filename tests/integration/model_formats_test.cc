@@ -91,7 +91,7 @@ TEST_F(ModelFormatsTest, AHalfTurnWithoutASimilarViewIsNotReported) {
 }
 
 TEST_F(ModelFormatsTest, AnInspectionCountsTheViewsInWhichAHalfTurnIsSimilar) {
-  // A cuboid of which one vertex is displaced: only views of this vertex tell it from its half turns.
+  // A cuboid with one displaced vertex. In a view that does not show this vertex, it looks as after a half turn.
   WriteText("cuboid.obj",
             "v 0 0 0\nv 0.2 0 0\nv 0.2 0.12 0\nv 0 0.12 0\nv 0 0 0.08\nv 0.2 0 0.08\nv 0.19 0.113 0.073\n"
             "v 0 0.12 0.08\nf 1 4 3 2\nf 1 2 6 5\nf 2 3 7\nf 2 7 6\nf 3 4 8\nf 3 8 7\nf 4 1 5 8\nf 5 6 7\nf 5 7 8\n");

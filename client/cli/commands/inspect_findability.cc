@@ -133,8 +133,7 @@ void PrintFindability(const std::vector<ViewFindability>& views, const ObjectMod
   if (summary.num_ambiguous > 0) {
     out << absl::StrFormat(
         "\n             in %d of these views AMBIGUOUS is expected: less than %.0f %% of the edges differ from those "
-        "of a "
-        "half turn",
+        "of a half turn",
         summary.num_ambiguous, 100.0 * kSimilarShare);
   }
   out << absl::StrFormat("\n             %.0f %% of the views show less than %.0f px of edges at a size of %.0f px\n",

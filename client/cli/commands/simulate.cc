@@ -356,8 +356,7 @@ CommandRunner AddSimulateCommand(CLI::App& app, CliContext& context) {
   }
   app.footer(
       "Writes recording.raw (EVT3, as an EVK4 does), truth.tum, model.obj, camera.yaml and simulation.txt, which has "
-      "the "
-      "options.\n\n"
+      "the options.\n\n"
       "Example:\n"
       "  evpose simulate --object cube --camera vga --duration 0.5 --noise 0.1 --out cube\n"
       "  evpose simulate --model cube/model.obj --camera vga --duration 0.1 --textured-background --out part");

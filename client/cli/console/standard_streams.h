@@ -5,8 +5,9 @@
 
 namespace evpose::client {
 
-// Opens those of the three that are closed, so that no other file gets their descriptors. Reading such a standard
-// input fails, and so does writing such a standard output or error: both report EBADF. To be called first.
+// Opens those of the three that are closed, so that no file that is opened later gets their descriptors. Reading such a
+// standard input fails, and so does writing such a standard output or error: both report EBADF. To be called at the
+// beginning of main(). A library may have opened something before it, which then has the descriptor.
 void OpenStandardStreams();
 // Whether standard output was closed when the program started.
 bool IsStandardOutputClosed();

@@ -74,7 +74,7 @@ struct StreamTrace {
 
 // The stream has broken, or it is re-established.
 struct ConnectionChange {
-  bool is_unreachable = false;  // the server is unreachable
+  bool is_unreachable = false;  // false: the stream is re-established
   std::string server;           // the next server to be tried, or the one that accepted the stream
   absl::Status cause;           // cause of the outage
   absl::Duration outage;        // duration of the outage so far
